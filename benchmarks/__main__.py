@@ -41,7 +41,7 @@ from benchmarks import (
     wheels,
 )
 from benchmarks.table_row import Row
-from spacerobot.files import write_text
+from spacerobot.common.files import write_text
 
 JOBS: dict[str, Callable[[], list[Row]]] = {
     "single": lambda: [rollouts.single()],

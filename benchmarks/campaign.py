@@ -11,7 +11,7 @@ from pathlib import Path
 
 from benchmarks.table_row import Row
 from optim.campaign import CampaignEvaluator, CampaignProgress, all_draws, build_evaluator, run_campaign
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.compiled import usable_cores
 from spacerobot.scene import Scene, load_scene
 

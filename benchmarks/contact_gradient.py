@@ -19,9 +19,9 @@ import yaml
 
 from benchmarks.table_row import Row
 from benchmarks.timing import cpu_time_of
-from spacerobot.arrays import Array
 from spacerobot.closedloop.closed_loop import ClosedLoop
 from spacerobot.closedloop.commanded import CommandInput, build_commanded_loop
+from spacerobot.common.arrays import Array
 from spacerobot.compiled import compile_functions
 from spacerobot.description.find import find_urdf
 from spacerobot.scenario.load import validate

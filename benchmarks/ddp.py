@@ -22,7 +22,7 @@ from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh_transfer import solve_from
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import load_scene
 
 REACH = Path(__file__).resolve().parents[1] / "examples" / "reach.yaml"

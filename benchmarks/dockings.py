@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.table_row import Row
 from optim.planning.search.make_plan import make_plan
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.scene import load_scene
 
 DRAWS, SEED, TARGET_S = 20, 0, 5.0

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.table_row import Row, at_most
 from benchmarks.timing import paired
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
-from spacerobot.errors import DivergedError
+from spacerobot.common.errors import DivergedError
 from spacerobot.rollout import Measures, Rollout, Signals, Trajectory, build_rollout, final
 from spacerobot.scene import load_scene
 

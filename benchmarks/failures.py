@@ -32,7 +32,7 @@ from scipy.optimize import elementwise, least_squares
 import spacerobot as sr
 from benchmarks.table_row import markdown_head
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene
 
 FAILED_S, BRAKED_S = 2.0, 2.1

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 import spacerobot as sr
 from benchmarks.table_row import markdown_head
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.linear import linearise
 from spacerobot.linear.loop_margins import loop_margins
 from spacerobot.scenario.catalogue import find_scenario

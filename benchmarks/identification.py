@@ -16,7 +16,7 @@ import pinocchio as pin
 
 import spacerobot as sr
 from optim.identification import _held, _Momentum, _named, _regression
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 DRAWS = 12
 HEAVIER = {"target.links.body.mass": 140, "target.links.body.com": [0.03, -0.01, 0.02]}

@@ -35,7 +35,7 @@ from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import Solution, solve
 from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.phase_chain import PhaseChain
-from spacerobot.files import write_bytes, write_text
+from spacerobot.common.files import write_bytes, write_text
 from spacerobot.scene import Scene
 from viz.figures.feasible_range import feasible_range
 from viz.figures.style import to_bytes

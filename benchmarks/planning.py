@@ -24,7 +24,7 @@ from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh_transfer import solve_from
 from optim.planning.transcription.motion import Motion
 from optim.planning.verification.replay import replay_motion
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics import ArticulatedBody, Inertias
 from spacerobot.dynamics.joints import sparse
 from spacerobot.scenario.load import validate

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.table_row import Row, at_most
 from benchmarks.timing import paired
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import DivergedError
+from spacerobot.common.errors import DivergedError
 from spacerobot.rollout import Batch, Rollout, build_rollout
 from spacerobot.scene import load_scene
 

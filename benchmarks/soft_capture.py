@@ -25,8 +25,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.table_row import Row
 from optim.planning.search.make_plan import make_plan
 from optim.planning.transcription.motion import Motion
-from spacerobot.arrays import Array
-from spacerobot.errors import NoPlanError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import NoPlanError
 from spacerobot.scene import load_scene
 
 SEED, DRAWS, IN_BENCH = 0, 250, 20

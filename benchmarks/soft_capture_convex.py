@@ -23,7 +23,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from benchmarks.soft_capture import DRAWS, MASS, PORT, RATE, TARGET, Draw, draws, symmetric
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import load_scene
 
 STEP, FEWEST, MOST, FINER = 1.0, 40, 350, 10

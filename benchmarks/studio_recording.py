@@ -11,7 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from spacerobot.files import write_bytes
+from spacerobot.common.files import write_bytes
 from spacerobot.scene import load_scene
 from viz.browser import Browser, chromium
 from viz.record import palette_of, steady

@@ -16,7 +16,7 @@ from typing import Any
 
 from optim.comparison import tables
 from optim.comparison.conclusion import conclusion
-from spacerobot.tables import Table
+from spacerobot.common.tables import Table
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "docs" / "data"

@@ -183,8 +183,8 @@ def elements() -> str:
 
 def methods() -> str:
     """Methods of each family's base class: those that kinds must define, and those that some override."""
+    from spacerobot.common.registry import requirement
     from spacerobot.elements import FAMILIES, PLANS, Element, kinds
-    from spacerobot.registry import requirement
 
     rows = ["| family: base class | required | optional |", "|---|---|---|"]
     named = {("all", Element): tuple(kind for family in FAMILIES for kind in kinds(family).values())}

@@ -3,6 +3,6 @@
 The names of ``__init__.pyi`` are loaded when they are first used. Campaigns are in :mod:`optim.campaign`.
 """
 
-from spacerobot.lazy_names import lazy_names
+from spacerobot.common.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

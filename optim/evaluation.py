@@ -20,10 +20,12 @@ from optim.problem.quantity_measures import (
     table_values,
     with_added_states,
 )
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import StrPath, staged
-from spacerobot.loop_cache import SceneContent, cached_closed_loop
+from spacerobot.closedloop.loop_cache import SceneContent, cached_closed_loop
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.common.files import StrPath, staged
+from spacerobot.common.section import numbers
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Measure, Measures, build_rollout
 from spacerobot.rollout.build import Backend, Options
@@ -31,8 +33,6 @@ from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand, get
 from spacerobot.scenario.units import unit_at
 from spacerobot.scene import Scene, to_scene
-from spacerobot.section import numbers
-from spacerobot.tables import Table, Tabular
 from spacerobot.updates import UpdatedRollout, UpdatedScene
 from spacerobot.updates.scheme import update_schemes
 

@@ -33,13 +33,13 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from optim.json_result import JsonResult
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.tables import Content, Table
 from spacerobot.dynamics.inertial_parameters import INTERIOR, is_realisable, move_inside
-from spacerobot.errors import SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneBody, SceneGrasp
-from spacerobot.tables import Content, Table
 
 STEP = 1e-7
 """Step of the central differences by which noise is propagated [rad, m and their rates]."""

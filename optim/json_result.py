@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from optim.json_values import plain
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath, write_text
-from spacerobot.tables import Tabular
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.tables import Tabular
 
 
 class JsonResult(Tabular):

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from optim.evaluation import build_quantity_rollout, find_quantities, parameter_paths
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
-from spacerobot.files import StrPath
-from spacerobot.optional import optional_module
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath
+from spacerobot.common.optional import optional_module
 from spacerobot.rollout import Rollout
 from spacerobot.rollout.build import Backend
 from spacerobot.scene import Scene, to_scene

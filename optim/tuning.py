@@ -29,13 +29,13 @@ from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.problem.variables import at_bound
 from optim.search.search import NOT_APPLICABLE, Progress
 from optim.search.session import SearchSession
-from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import StrPath, write_text
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.registry import TUNING_METHODS
+from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.result import check_folder
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene, build_scene, load_scene
-from spacerobot.tables import Content, Table, Tabular
 
 FILE, SCENARIO = "tuning.json", "scenario.yaml"
 """Files of a tuning's folder."""
@@ -52,7 +52,7 @@ class TuningResult(Tabular):
         gains: Best values by variable, in the scenario's units.
         objective: There.
         status, message: Of the best run.
-        scene: The scene with these gains, ready for :func:`spacerobot.simulation.simulate`.
+        scene: The scene with these gains, ready for :func:`spacerobot.simulate`.
         outcome: Every run.
         margins: Stability margins there that the tuning section names: value and requirement, by kind, loop
             and instant.

@@ -1,4 +1,4 @@
-"""Public names and their modules; :mod:`spacerobot.lazy_names` loads a name when it is first used."""
+"""Public names and their modules; :mod:`spacerobot.common.lazy_names` loads a name when it is first used."""
 
 from optim import torch as torch
 from optim.comparison.sweep import SweepResult as SweepResult
@@ -27,8 +27,6 @@ from optim.robust.worst_margins import worst_margins as worst_margins
 from optim.tuning import TuningResult as TuningResult
 from optim.tuning import tune as tune
 from optim.workers.dask import open_workers as open_workers
-from spacerobot.abort_drift import PassiveSafety as PassiveSafety
-from spacerobot.abort_drift import passive_safety as passive_safety
 from spacerobot.api.bodies import make_arm as make_arm
 from spacerobot.api.bodies import make_rectangle as make_rectangle
 from spacerobot.api.functions import campaign as campaign
@@ -59,6 +57,8 @@ from spacerobot.basilisk import make_basilisk_controller as make_basilisk_contro
 from spacerobot.basilisk import make_basilisk_scene as make_basilisk_scene
 from spacerobot.closedloop import ClosedLoop as ClosedLoop
 from spacerobot.closedloop import build_closed_loop as build_closed_loop
+from spacerobot.common.errors import SpaceRobotError as SpaceRobotError
+from spacerobot.common.version import __version__ as __version__
 from spacerobot.description import PlanarBase as PlanarBase
 from spacerobot.description import PlanarLink as PlanarLink
 from spacerobot.drafting import Draft as Draft
@@ -68,7 +68,6 @@ from spacerobot.drafting.plugins import PluginDraft as PluginDraft
 from spacerobot.drafting.plugins import draft_plugin as draft_plugin
 from spacerobot.elements import load_plugin as load_plugin
 from spacerobot.elements import register as register
-from spacerobot.errors import SpaceRobotError as SpaceRobotError
 from spacerobot.exports.export import FormatList as FormatList
 from spacerobot.exports.export import export as export
 from spacerobot.exports.export import list_formats as list_formats
@@ -79,17 +78,18 @@ from spacerobot.linear import MarginAnalysis as MarginAnalysis
 from spacerobot.linear import linearise as linearise
 from spacerobot.linear import margins as margins
 from spacerobot.linear.simultaneous import simultaneous_disk_margin as simultaneous_disk_margin
-from spacerobot.orbit_states import RendezvousStart as RendezvousStart
-from spacerobot.orbit_states import rendezvous_start as rendezvous_start
-from spacerobot.paper import PaperComparison as PaperComparison
-from spacerobot.paper import reproduce_paper as reproduce_paper
 from spacerobot.quantities import PlanBound as PlanBound
 from spacerobot.quantities import Quantity as Quantity
 from spacerobot.quantities import register_quantity as register_quantity
 from spacerobot.result import Result as Result
+from spacerobot.result.abort_drift import PassiveSafety as PassiveSafety
+from spacerobot.result.abort_drift import passive_safety as passive_safety
 from spacerobot.rollout import Rollout as Rollout
 from spacerobot.rollout import build_rollout as build_rollout
+from spacerobot.scenario.orbit_states import RendezvousStart as RendezvousStart
+from spacerobot.scenario.orbit_states import rendezvous_start as rendezvous_start
 from spacerobot.scene import Scene as Scene
 from spacerobot.scene import load_scene as load_scene
-from spacerobot.version import __version__ as __version__
+from spacerobot.simulation.paper import PaperComparison as PaperComparison
+from spacerobot.simulation.paper import reproduce_paper as reproduce_paper
 from viz.studio.server import studio as studio

@@ -1,4 +1,4 @@
-"""Public names and their modules; :mod:`spacerobot.lazy_names` loads a name when it is first used."""
+"""Public names and their modules; :mod:`spacerobot.common.lazy_names` loads a name when it is first used."""
 
 from viz.figures import draw_all as draw_all
 from viz.figures import save_figures as save_figures

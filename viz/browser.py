@@ -16,7 +16,7 @@ from typing import Any
 from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = (

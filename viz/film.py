@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from viz.browser import chromium
 from viz.page.page import page
 

@@ -21,9 +21,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image, ImageChops
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError, near_names
-from spacerobot.files import StrPath, write_bytes
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError, near_names
+from spacerobot.common.files import StrPath, write_bytes
 from spacerobot.result import Result, note_derived
 from viz.browser import program as browser_program
 from viz.drawing.motion import BodyMotion, greatest_force, pick_rows, sample_motion

@@ -23,7 +23,7 @@ from benchmarks.history import commit, load_words, machine
 from benchmarks.peers import scenes
 from benchmarks.peers.compare import PeerScene
 from benchmarks.table_row import markdown_head
-from spacerobot.files import write_text
+from spacerobot.common.files import write_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "peers.md"
 BEGIN, END = "<!-- filled by `make peers` -->", "<!-- end -->"

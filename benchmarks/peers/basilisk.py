@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.peers.compare import Job, Side, our_side
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import load_plugin
 from spacerobot.scene import Scene, load_scene
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.arrays import Array
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
 

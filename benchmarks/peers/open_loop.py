@@ -6,12 +6,12 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.elements import Contribution, RobotContext, register
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.contribution import ControlChannel
 from spacerobot.elements.core.robot_element import Part
 from spacerobot.elements.sensors.joint_position import joint_position
-from spacerobot.section import Vector, quantity
 
 
 @register

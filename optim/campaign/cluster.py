@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
 from optim.campaign.run import CHUNK_S, ChunkQueue, first_size, sized
 from optim.workers.cluster import connect, distributed_module, faults_of, submit, threads_of
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 AHEAD = 2  # chunks in flight for each thread of a worker: one runs, one waits
 

@@ -18,8 +18,8 @@ from optim.campaign.rollouts.evaluator import (
 )
 from optim.campaign.store.folder import Interval, check_place, open_store
 from optim.campaign.store.run_settings import ScenarioSource, notes_of
-from spacerobot.arrays import Array
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.files import StrPath
 from spacerobot.scene import Scene
 
 CHUNK_S = 4.0  # long enough to hide what a chunk costs, short enough to lose

@@ -18,9 +18,9 @@ from optim.problem.sensitivities import Sensitivity, sensitivity
 from optim.problem.tuning_problem import TuningProblem
 from optim.problem.variables import at_bound
 from optim.search.session import SearchSession
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.registry import TUNING_METHODS
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from optim.methods.settings import Effort, effort_of
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.search.session import SearchSession
-from spacerobot.errors import near_names
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.errors import near_names
+from spacerobot.common.registry import TUNING_METHODS
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
 from spacerobot.scene.memory import check_size

@@ -11,8 +11,8 @@ import numpy as np
 from optim.problem.formulation import rollout_of
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
 from optim.problem.scene_recipe import changed_scene, tuning_of
-from spacerobot.arrays import Array
-from spacerobot.loop_cache import cached_closed_loop
+from spacerobot.closedloop.loop_cache import cached_closed_loop
+from spacerobot.common.arrays import Array
 from spacerobot.rollout import Rollout
 from spacerobot.scenario import Robustness
 from spacerobot.scene import Scene, build_scene

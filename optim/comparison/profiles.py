@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.comparison.running_time import LEVEL, RESAMPLES, SEED
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 BUDGETS = 60  # for which a profile is computed, evenly over the decades
 

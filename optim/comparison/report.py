@@ -17,8 +17,8 @@ from optim.json_values import plain
 from optim.methods.run_method import MethodOutcome
 from optim.problem.objectives import OBJECTIVE, reading
 from optim.problem.problem import EvaluationCost
-from spacerobot.arrays import Array
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import TUNING_METHODS
 
 FORMAT = 3
 MOST_MOMENTS = 200  # of each trial's history that are kept

@@ -10,7 +10,7 @@ from typing import Any
 from optim.comparison.benchmark_problem import ProblemComparison
 from optim.comparison.compare import Comparison
 from optim.comparison.report import to_data
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.files import StrPath, write_text
 from spacerobot.result import Result
 from spacerobot.simulation import simulate_designs
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from optim.comparison.cost_unit import CostUnit
 from optim.problem.problem import EvaluationCost
 from optim.search.search import SearchRun
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 PRECISIONS = (0.1, 0.01, 0.001)  # targets: relative distance from the best known value
 RESAMPLES = 1000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 
 def statistics(values: Array) -> dict[str, float | int | None]:

@@ -13,7 +13,7 @@ from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.robust.problem import Statistic, build_robust
 from optim.search.session import SearchSession
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import validate
 from spacerobot.scene import Scene, build_scene, load_scene

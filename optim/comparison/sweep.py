@@ -23,11 +23,11 @@ from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.journal import Journal
 from optim.search.search import Progress, Search, SearchRun
 from optim.search.session import SearchSession
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.scene import Scene, to_scene
-from spacerobot.tables import Content, Table, Tabular
 
 BUDGET = 1000
 """Rollouts of a run."""

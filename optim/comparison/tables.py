@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from optim.comparison.conclusion import lowest_of, percent
-from spacerobot.tables import Content, Table
+from spacerobot.common.tables import Content, Table
 
 Data = Mapping[str, Any]
 NEVER = "-"

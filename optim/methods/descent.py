@@ -19,7 +19,7 @@ import numpy as np
 
 from optim.methods.local_model import MARGIN, EvaluatedPoint, LocalModel
 from optim.problem.problem import Form, Linearisation
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 ACCEPTED, POOR, GOOD = 0.05, 0.25, 0.75  # of the predicted fall
 LARGEST, SMALLEST = 1.0, 1e-5  # radius

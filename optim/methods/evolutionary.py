@@ -19,9 +19,9 @@ from optim.methods.settings import EvolutionSettings
 from optim.methods.tuning_method import MethodRequest, TuningMethod
 from optim.problem.problem import Evaluation
 from optim.search.search import FEASIBLE, Search, SearchRun, better
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.registry import TUNING_METHODS
 
 CMAES_POPULATION = 16  # two groups of eight lanes
 CMAES_SCREEN = 20  # points of which the best is its first mean

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optim.problem.problem import Form, Linearisation
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 NEAR_BOUND = 1e-3  # of the unit cube
 NEAR_PEAK = 2e-3  # of the largest row: what is nearer counts as active, so a point is judged to this accuracy

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from optim.problem.problem import Evaluation, Form, Linearisation
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 Places = npt.NDArray[np.int_]
 FIRST_ROWS = 40  # of a minimax problem's rows that the first program holds

@@ -19,7 +19,7 @@ from optim.problem.objectives import OBJECTIVE, error_rows
 from optim.problem.problem import EvaluationCost
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.search import NOT_APPLICABLE, Search, SearchRun
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 FIRST, FACTOR, TRIALS = 1.0, 2.0, 14
 AMNESIA_GAIN = ".amnesia.ge"

@@ -12,7 +12,7 @@ from optim.methods.local_model import EvaluatedPoint
 from optim.methods.settings import NlpSettings
 from optim.problem.problem import EvaluationCost, Linearisation
 from optim.search.search import FEASIBLE, Search, SearchRun
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 GRADIENT, SLOPE = 4.0, 3.0  # rollouts that they cost, about: decides where derivatives come from
 RADIUS, WARM_RADIUS = 0.1, 0.02  # of the first step

@@ -15,10 +15,10 @@ from optim.problem.problem import EvaluationCost, OptimisationProblem
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.search import SearchRun, better
 from optim.search.session import SearchSession
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
-from spacerobot.registry import TUNING_METHODS
-from spacerobot.tables import Table
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.registry import TUNING_METHODS
+from spacerobot.common.tables import Table
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def run_method(
 
     Args:
         problem: The problem; ``manual`` needs a :class:`TuningProblem`.
-        method: Its name in :data:`spacerobot.registry.TUNING_METHODS`.
+        method: Its name in :data:`spacerobot.common.registry.TUNING_METHODS`.
         effort: How much it may do.
         first: Start in the unit cube (k,) of a method that starts from another one's best.
         session: Journals, workers and callbacks; no journals and threads of this process if None.

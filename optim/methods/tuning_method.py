@@ -12,8 +12,8 @@ from optim.problem.problem import OptimisationProblem
 from optim.search.journal import Journal
 from optim.search.search import Search, SearchRun
 from optim.search.session import SearchSession
-from spacerobot.arrays import Array
-from spacerobot.registry import TUNING_METHODS, Registry, required
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import TUNING_METHODS, Registry, required
 
 
 @dataclass(frozen=True)

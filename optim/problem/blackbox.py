@@ -11,8 +11,8 @@ import numpy as np
 
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.problem.tuning_problem import TuningProblem
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.summary import build_summary

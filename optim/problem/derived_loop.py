@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.rollout import ClosedLoopFunctions, EventRule, Signals
 from spacerobot.rollout.closed_loop_protocol import OutputRule
 from spacerobot.symbolic import NoiseTable, WindowTable

@@ -12,8 +12,8 @@ from optim.problem.objectives import OBJECTIVE, ObjectiveTerms
 from optim.problem.problem import Form
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.variables import Variables
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.rollout import Rollout, build_rollout
 from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
 from spacerobot.scene import Scene

@@ -17,15 +17,15 @@ import numpy as np
 
 from optim.problem.derived_loop import DerivedLoop, extend, tie
 from optim.problem.variables import Variables
-from spacerobot.arrays import Array
-from spacerobot.errors import DivergedError, ScenarioError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DivergedError, ScenarioError, near_names
+from spacerobot.common.section import matching
 from spacerobot.linear.instants import instants
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.rollout.batch import run_one
 from spacerobot.scenario.tuning import MarginRequirement
 from spacerobot.scene import Scene
-from spacerobot.section import matching
 from spacerobot.simulation import Backend
 
 INFINITE = 1e3

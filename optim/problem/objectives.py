@@ -17,7 +17,7 @@ from optim.problem.quantity_measures import (
     squared_output,
     with_added_states,
 )
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.quantities import Context, find_quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, Signals, integral, peak
 from spacerobot.scenario import Constraints, Objective

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 Form = Literal["smooth", "squares", "minimax"]
 

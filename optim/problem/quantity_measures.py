@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from optim.problem.derived_loop import extend
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.quantities import Components, Context, Quantity
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Signals, final, integral, peak
 from spacerobot.scene import Scene

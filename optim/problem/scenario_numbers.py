@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import is_number
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand, get
 from spacerobot.scene import Scene
-from spacerobot.section import is_number
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.elements.core.registry import load_plugin, plugins
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Tuning
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene, build_scene

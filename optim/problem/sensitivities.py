@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.problem.tuning_problem import TuningProblem
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from optim.problem.scene_recipe import NewVariables, SceneRecipe, changed_scene,
 from optim.problem.variables import variables_of
 from optim.workers import Arrays, Threads, Workers
 from optim.workers.workers import LANES
-from spacerobot.arrays import Array
-from spacerobot.files import StrPath
-from spacerobot.loop_cache import cached_closed_loop
+from spacerobot.closedloop.loop_cache import cached_closed_loop
+from spacerobot.common.arrays import Array
+from spacerobot.common.files import StrPath
 from spacerobot.rollout.gradient_accuracy import inaccurate
 from spacerobot.scene import Scene, to_scene
 from spacerobot.scene.memory import check_size

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.problem.scenario_numbers import find_numbers
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scenario.tuning import DesignVariable
 from spacerobot.scene import Scene
 

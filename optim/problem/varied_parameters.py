@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.files import StrPath
+from spacerobot.common.section import numbers
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand
 from spacerobot.scene import Scene, build_scene, to_scene
-from spacerobot.section import numbers
 
 PLACES = ("robots", "target", "grasps", "gravity", "environment")
 """Parts of a scenario whose numbers may vary."""

@@ -11,7 +11,7 @@ from optim.problem.formulation import Formulation
 from optim.problem.objectives import MARGINS, OBJECTIVE, error_rows
 from optim.problem.problem import Linearisation
 from optim.workers import Arrays
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 
 def measures(problem: Formulation, rows: Array, *, paths: Sequence[str]) -> Arrays:

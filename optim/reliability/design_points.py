@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.reliability.limit_state import MOST_SCORE, LimitState
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 ITERATIONS = 30
 LENGTHS = 0.5 ** np.arange(6)  # of the step that are tried, all at once

@@ -10,7 +10,7 @@ import numpy as np
 
 from optim.reliability.design_points import DesignPoint
 from optim.reliability.limit_state import LimitState
-from spacerobot.registry import ESTIMATORS, Registry, required
+from spacerobot.common.registry import ESTIMATORS, Registry, required
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,11 @@ from optim.methods.settings import Effort, EvolutionSettings
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
 from optim.search.session import SearchSession
-from spacerobot.arrays import Array
-from spacerobot.errors import DivergedError
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DivergedError
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Table
 from spacerobot.scene import Scene, build_scene, to_scene
-from spacerobot.tables import Table
 
 STARTS = 16
 SCORE = 3.0

@@ -17,7 +17,7 @@ import numpy as np
 from optim.campaign.sampling.parameter_space import ParameterSpace, campaign_of, gain_set, resolve_space
 from optim.campaign.sampling.samplers import score_values
 from optim.evaluation import build_quantity_rollout
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Rollout
 from spacerobot.scenario import Campaign

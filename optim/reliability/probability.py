@@ -12,10 +12,10 @@ from optim.json_result import JsonResult
 from optim.reliability.design_points import DesignPointSearch, search_design_points
 from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort
 from optim.reliability.limit_state import CountedLimitState, build_limit_state
-from spacerobot.files import StrPath
-from spacerobot.registry import ESTIMATORS
+from spacerobot.common.files import StrPath
+from spacerobot.common.registry import ESTIMATORS
+from spacerobot.common.tables import Content, Table
 from spacerobot.scene import Scene, to_scene
-from spacerobot.tables import Content, Table
 
 LEAST = 1000  # rollouts of the estimator
 NORMAL = 1.96  # quantile of the 95 % interval

@@ -37,15 +37,15 @@ from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.search.search import Progress
 from optim.search.session import SearchSession
 from optim.workers import Workers
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError, SpaceRobotError
-from spacerobot.files import StrPath, write_text
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError, SpaceRobotError
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.registry import TUNING_METHODS
+from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.result import check_folder
 from spacerobot.result.store import SCENARIO
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene, build_scene, load_scene, to_scene
-from spacerobot.tables import Content, Table, Tabular
 
 FILE = "robust.json"
 """File of a robust tuning's folder."""

@@ -17,13 +17,13 @@ from scipy.stats import qmc
 
 from optim.problem.scene_recipe import changed_scene, tuning_of
 from optim.problem.variables import variables_of
-from spacerobot.arrays import Array
-from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
 from spacerobot.scene import Scene, build_scene, to_scene
 from spacerobot.simulation import Backend, Progress
-from spacerobot.tables import Table, Tabular
 
 STARTS = 4
 """Number of descents at each instant: from the best of the nominal point, corners and a Sobol' sequence."""

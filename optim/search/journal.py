@@ -18,8 +18,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError
 
 _HEAD = struct.Struct("<QI")
 _TITLE = b"spacerobot journal 1 "

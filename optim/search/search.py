@@ -10,7 +10,7 @@ import numpy as np
 
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.search.journal import Journal
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 FEASIBLE = 1e-6  # largest violation of a constraint, relative to its limit, that counts as none
 NOT_APPLICABLE = "not applicable"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from optim.search.search import Progress
 from optim.workers import Threads, Workers
-from spacerobot.files import StrPath
+from spacerobot.common.files import StrPath
 
 Tell = Callable[[str], None]
 

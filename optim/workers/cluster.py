@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from optim.workers.workers import Recipe
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.version import __version__
 from spacerobot.compiled.cache import cache_folder
-from spacerobot.errors import SpaceRobotError
-from spacerobot.version import __version__
 
 ATTEMPTS = 3  # workers that a piece of work may cost before it is given up
 KEPT = 8  # problems that a worker keeps

@@ -25,7 +25,7 @@ from optim.workers.cluster import (
 from optim.workers.concurrent_searches import TurnLock
 from optim.workers.threads import Threads, joined
 from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable, Workers
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 SHORTEST_S = 0.25  # that a piece shall take at least, to hide what sending it costs
 LONGEST_S = 4.0  # that it shall take at most, to lose little with a worker

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.workers.workers import LANES, Arrays, Ended, Operation, Portable
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.compiled import usable_cores
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 LANES = 8  # rollouts that the widest vectors do at once: fewer rows are not worth a piece of their own
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spacerobot.files import StrPath
+from spacerobot.common.files import StrPath
 
 if TYPE_CHECKING:
     from spacerobot.description import Description, PlanarBase, PlanarLink
@@ -70,8 +70,8 @@ def make_rectangle(
 
 
 def _write(file: StrPath, text: str) -> Description:
+    from spacerobot.common.files import write_text
     from spacerobot.description.read import read_description
-    from spacerobot.files import write_text
 
     write_text(file, text)
     return read_description(file)

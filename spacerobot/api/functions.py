@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from spacerobot.api.options import PlanOptions, SearchOptions, journals, search_session
 from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
-from spacerobot.files import StrPath
+from spacerobot.common.files import StrPath
 from spacerobot.result import Result
 from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress
@@ -214,7 +214,7 @@ def _compared(comparison: Comparison, folder: StrPath | None, options: SearchOpt
     if folder is None:
         return result
     from optim.comparison.tables import markdown
-    from spacerobot.files import write_text
+    from spacerobot.common.files import write_text
     from viz.figures.comparison import write_figures
 
     notify = options.get("notify") or (lambda _: None)

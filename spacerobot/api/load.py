@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, TypeAlias
 from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
 from spacerobot.api.studies import DesignStudyResult, ParetoFrontResult
 from spacerobot.api.study import Study
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath
 from spacerobot.result import Result
 
 if TYPE_CHECKING:

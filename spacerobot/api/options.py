@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from spacerobot.files import StrPath
+from spacerobot.common.files import StrPath
 from spacerobot.result import JOURNALS
 from spacerobot.simulation import Backend
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 from spacerobot.api.load import STUDIES, load
 from spacerobot.api.results import PlanResult
 from spacerobot.api.study import Playback, Study
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Tabular
 from spacerobot.result import Result
 from spacerobot.simulation import Progress
-from spacerobot.tables import Tabular
 
 if TYPE_CHECKING:
     from viz.figures import Drawing
@@ -100,7 +100,7 @@ def animate(
     Raises:
         ResultError: If the format is unknown, the results cannot be compared, or the file cannot be written.
     """
-    from spacerobot.files import write_text
+    from spacerobot.common.files import write_text
     from spacerobot.result import note_derived
     from viz.page.notebook import EmbeddedPage
     from viz.page.page import page
@@ -182,7 +182,7 @@ def report(
     Raises:
         ResultError: If the results cannot be compared or the file cannot be written.
     """
-    from spacerobot.files import write_text
+    from spacerobot.common.files import write_text
     from spacerobot.result import note_derived
     from viz.report.report import report as results_page
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from spacerobot.api.study import Playback, Study
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Content
 from spacerobot.result import Result
 from spacerobot.scene import Scene, load_scene
 from spacerobot.simulation import Progress, simulate
-from spacerobot.tables import Content
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,15 +8,15 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.files import StrPath
-from spacerobot.tables import Content, Table, Tabular, Tree
+from spacerobot.common.errors import SpaceRobotError, near_names
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Content, Table, Tabular, Tree
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
+    from spacerobot.common.section import Section
     from spacerobot.scene import Scene, SceneBody
-    from spacerobot.section import Section
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def check(scene: Scene | StrPath) -> SceneCheck:
     # only the closed loop knows the outputs that limits of phases may name
     phases = scene.scenario.phases.values()
     if any(phase.abort or (phase.until is not None and phase.until.limit) for phase in phases):
-        from spacerobot.loop_cache import cached_closed_loop
+        from spacerobot.closedloop.loop_cache import cached_closed_loop
         from spacerobot.updates import UpdatedScene
 
         updated = UpdatedScene.of(scene)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, Unpack
 from spacerobot.api.options import PlanOptions, journals
 from spacerobot.api.results import PlanResult, copied
 from spacerobot.api.study import Playback, Study
-from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Content
 from spacerobot.result import Result, check_folder
 from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Progress
-from spacerobot.tables import Content
 
 if TYPE_CHECKING:
     from optim.planning.studies.design_study import DesignStudy

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Tabular
 from spacerobot.result import Result
 from spacerobot.simulation import Progress
-from spacerobot.tables import Tabular
 
 if TYPE_CHECKING:
     from viz.figures import Drawing

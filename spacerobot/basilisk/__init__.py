@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from spacerobot.basilisk.flight_software import BasiliskController, BasiliskModules
-from spacerobot.files import StrPath
-from spacerobot.optional import optional_module
+from spacerobot.common.files import StrPath
+from spacerobot.common.optional import optional_module
 from spacerobot.scene import Scene
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ from typing import Any, Literal
 import numpy as np
 from Basilisk.architecture import messaging, sysModel
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.closedloop.loop_cache import cached_closed_loop
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath
 from spacerobot.exports.formats.mjcf import scene_mjcf, scene_wheels
 from spacerobot.exports.mjcf_bodies import coordinates, model_coordinates
-from spacerobot.files import StrPath
-from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.rollout.resumable_loop import resumed
 from spacerobot.scene import Scene, to_scene

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
 
 
 class ExternalForces:

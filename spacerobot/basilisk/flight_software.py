@@ -17,12 +17,12 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.optional import optional_module
+from spacerobot.common.registry import required
 from spacerobot.elements.controllers.python_controller import HeldForces, PythonController, Update
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.robot_element import Part
-from spacerobot.optional import optional_module
-from spacerobot.registry import required
 
 
 @dataclass(frozen=True)

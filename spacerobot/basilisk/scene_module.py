@@ -9,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 from Basilisk.architecture import messaging, sysModel
 
-from spacerobot.arrays import Array
 from spacerobot.basilisk.external_forces import ExternalForces
 from spacerobot.basilisk.held_inputs import KEY
+from spacerobot.closedloop.loop_cache import cached_closed_loop
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError, near_names
+from spacerobot.common.files import StrPath
 from spacerobot.elements import Actuator
-from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.files import StrPath
-from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.assembly import build_result
 from spacerobot.rollout import build_rollout

@@ -20,16 +20,16 @@ from rich.markup import escape
 
 from spacerobot.cli.command import GROUPS
 from spacerobot.cli.output import LEAST_WIDTH, print_error, warn
-from spacerobot.errors import SpaceRobotError, SpaceRobotWarning
-from spacerobot.interrupts import INTERRUPTED, minded, reason
-from spacerobot.registry import COMMANDS
+from spacerobot.common.errors import SpaceRobotError, SpaceRobotWarning
+from spacerobot.common.interrupts import INTERRUPTED, minded, reason
+from spacerobot.common.registry import COMMANDS
 
 EXAMPLE_INDENT = 4
 
 
 def _show_version(requested: bool) -> None:
     if requested:
-        from spacerobot.version import __version__
+        from spacerobot.common.version import __version__
 
         typer.echo(__version__)
         raise typer.Exit

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import typer
 
-from spacerobot.registry import COMMANDS
+from spacerobot.common.registry import COMMANDS
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -14,7 +14,7 @@ def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
     Raises:
         ScenarioError: If one has no ``=``, or its value is not YAML.
     """
-    from spacerobot.errors import ScenarioError
+    from spacerobot.common.errors import ScenarioError
     from spacerobot.scenario.document import parse_yaml
 
     changes = []

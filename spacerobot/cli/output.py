@@ -17,8 +17,8 @@ from rich.table import Table as RichTable
 from rich.text import Text
 from rich.tree import Tree as RichTree
 
-from spacerobot.progress import hearing
-from spacerobot.tables import Content, Tabular, Tree
+from spacerobot.common.progress import hearing
+from spacerobot.common.tables import Content, Tabular, Tree
 
 PLAIN_WIDTH = 140
 LEAST_WIDTH = 20

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 
 TRUSTED = Path("spacerobot") / "trusted_plugins"
 """File in the user's folder of configuration: a line for each plugin, as ``sha256sum FILE`` writes it."""

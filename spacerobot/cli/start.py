@@ -4,7 +4,7 @@ import gc
 import os
 import sys
 
-from spacerobot.interrupts import INTERRUPTED, leave, minded
+from spacerobot.common.interrupts import INTERRUPTED, leave, minded
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spacerobot.cli.output import progress, warn
-from spacerobot.interrupts import keep
+from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -21,12 +21,12 @@ from spacerobot.closedloop.impulse import masked
 from spacerobot.closedloop.initial_state import initial_state
 from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.closedloop.plant import build_plant
+from spacerobot.common.section import numbers
 from spacerobot.dynamics import configuration_derivative
 from spacerobot.elements import CommandedTorque, Contribution
 from spacerobot.elements.core.contribution import concatenate
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
-from spacerobot.section import numbers
 from spacerobot.symbolic import Parameters, Plant
 
 TORQUE, MEASUREMENT, WHEEL = "torque", "measurement", "wheel"

@@ -20,15 +20,15 @@ from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.closedloop.outputs import added_up, combine, core_outputs, measured_outputs
 from spacerobot.closedloop.phases import phased
 from spacerobot.closedloop.plant import build_plant
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath
+from spacerobot.common.section import leaves, numbers
 from spacerobot.dynamics import configuration_derivative, normalise
 from spacerobot.elements import Contribution, Event, SectionContext, State
 from spacerobot.elements.core.contribution import SampledLaw, concatenate
-from spacerobot.errors import SpaceRobotError
-from spacerobot.files import StrPath
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene, to_scene
 from spacerobot.scene.grasp_closing import has_loops, open_grasps
-from spacerobot.section import leaves, numbers
 from spacerobot.symbolic import Constants, InitialState, Parameters, Plant
 
 Builder = TypeVar("Builder", bound=LoopBuilder)

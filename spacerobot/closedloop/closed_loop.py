@@ -8,11 +8,11 @@ from typing import Any
 
 import casadi as ca
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop.events import LoopEvent
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.symbolic import NoiseTable, WindowTable
-from spacerobot.tables import Table, Tabular
 
 
 @dataclass(frozen=True)

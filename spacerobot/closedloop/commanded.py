@@ -17,11 +17,11 @@ from spacerobot.closedloop.closed_loop import ClosedLoop
 from spacerobot.closedloop.initial_state import initial_state
 from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.closedloop.plant import build_plant
+from spacerobot.common.section import numbers
 from spacerobot.elements import CommandedTorque, Contribution
 from spacerobot.scenario import Robot
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene, SceneBody
-from spacerobot.section import numbers
 from spacerobot.symbolic import Parameters
 
 COMMANDS = "commands"

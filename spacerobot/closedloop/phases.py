@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.closedloop.loop_builder import LoopBuilder
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.elements import Contribution, Event, Output, SectionContext, both, negated
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.phases import END, Limit, Phase, Settled, successors
 
 DEGREE = np.pi / 180

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop.closed_loop import ClosedLoop
+from spacerobot.common.arrays import Array
 
 GAINS = frozenset(
     {

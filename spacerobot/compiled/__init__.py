@@ -1,4 +1,4 @@
-"""CasADi functions compiled to machine code: generated, built once, cached, loaded.
+"""CasADi functions of NumPy arrays: compiled to machine code and cached, or interpreted.
 
 This room knows nothing of robots, only :class:`casadi.Function`.
 """

@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from spacerobot.common.errors import CompileError
+from spacerobot.common.interrupts import at_end, uninterrupted
 from spacerobot.compiled.toolchain import PROCESS_GROUP, SUFFIX, Toolchain, end_process
-from spacerobot.errors import CompileError
-from spacerobot.interrupts import at_end, uninterrupted
 
 TIMEOUT_S = 900.0
 """Time after which a compiler is held to hang, unless ``SPACEROBOT_COMPILE_TIMEOUT`` says another, in s."""

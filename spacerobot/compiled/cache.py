@@ -20,8 +20,8 @@ import time
 import warnings
 from pathlib import Path
 
+from spacerobot.common.errors import SpaceRobotWarning
 from spacerobot.compiled.toolchain import SUFFIX
-from spacerobot.errors import SpaceRobotWarning
 
 KEPT = 400  # entries of one suffix; the least recently used go first
 ABANDONED_S = 86_400.0  # no compilation takes a day

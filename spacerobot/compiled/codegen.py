@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from spacerobot.common.errors import CompileError
 from spacerobot.compiled import pieces
 from spacerobot.compiled.pieces import CodePiece, CodeSection
 from spacerobot.compiled.schedule import LANES_WINDOW, WINDOW, order_statements
-from spacerobot.errors import CompileError
 
 UNARY = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),

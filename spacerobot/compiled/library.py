@@ -15,14 +15,14 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import CompileError, near_names
+from spacerobot.common.progress import tell
 from spacerobot.compiled import cache
 from spacerobot.compiled.build import Progress, SourceUnit, build
 from spacerobot.compiled.codegen import HIDDEN, maths_of, source_of
 from spacerobot.compiled.pieces import CodePiece
 from spacerobot.compiled.toolchain import NO_COMPILER, Toolchain, find_toolchain
-from spacerobot.errors import CompileError, near_names
-from spacerobot.progress import tell
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def compile_functions(
         tail: C++ source that follows the functions, which it finds as static members of ``Generated``.
         toolchain: What to compile with; found if None.
         progress: Called with the pieces that are compiled and how many there are, if anything is compiled;
-            those who listen (:mod:`spacerobot.progress`) if None.
+            those who listen (:mod:`spacerobot.common.progress`) if None.
 
     Raises:
         CompileError: There is no compiler, or it does not accept the source, or takes too long, or the

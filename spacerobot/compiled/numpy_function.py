@@ -1,6 +1,6 @@
 """A compiled function that takes and gives NumPy arrays, with as little in between as Python allows.
 
-:mod:`spacerobot.numeric_function` has interpreted ones, which need no compiler.
+:mod:`spacerobot.compiled.numeric_function` has interpreted ones, which need no compiler.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.compiled.library import compile_functions
 
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from spacerobot.errors import CompileError
-from spacerobot.interrupts import uninterrupted
+from spacerobot.common.errors import CompileError
+from spacerobot.common.interrupts import uninterrupted
 
 FLAGS = (
     "-std=c++17",

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description.parts import UrdfJoint, UrdfLink
-from spacerobot.errors import DescriptionError
 
 _ROUNDING = 1e-9  # relative; files print inertias with few digits
 _TINY_BASE = 1e-3  # of another link's mass or inertia

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description.library import yourdfpy as yp
 from spacerobot.description.meshes import is_readable, missing_meshes, resolve_mesh, stand_in
 from spacerobot.description.parts import Geometry, LinkShape, Mimic, UrdfJoint, UrdfLink, frozen
-from spacerobot.errors import DescriptionError
 
 _SHORTEST_AXIS = 1e-9
 

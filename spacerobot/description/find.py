@@ -7,8 +7,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from spacerobot.errors import DescriptionError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.errors import DescriptionError, near_names
+from spacerobot.common.files import StrPath
 
 PACKAGE = "package://"
 """Begin of names in a ROS package."""

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.description.parts import LinkShape, UrdfJoint, UrdfLink, frozen
 from spacerobot.description.read import Description
-from spacerobot.errors import DescriptionError, near_names
 
 _PARALLEL = 1e-6  # sine of the angle between directions that count as parallel
 

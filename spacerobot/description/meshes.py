@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description.find import PACKAGE, find_in_package, is_file
 from spacerobot.description.parts import Geometry, LinkShape, frozen
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.description.parts import Mimic, UrdfJoint, frozen
-from spacerobot.errors import DescriptionError, near_names
 
 
 def settle(

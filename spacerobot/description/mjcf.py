@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description.meshes import is_readable, missing_meshes, stand_in
 from spacerobot.description.mjcf_tree import ACTUATORS, MjcfTree, read_tree, rotation_to
 from spacerobot.description.parts import Geometry, JointKind, LinkShape, Mimic, UrdfJoint, UrdfLink, frozen
-from spacerobot.errors import DescriptionError
 
 WORLD = "world"
 DENSITY = 1000.0

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description.syntax import LARGEST, parse_xml
-from spacerobot.errors import DescriptionError
 
 MOST_INCLUDES = 100
 MOST_BYTES = 20_000_000

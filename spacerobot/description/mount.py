@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.description.parts import UrdfJoint, frozen
 from spacerobot.description.read import Description
-from spacerobot.errors import DescriptionError, near_names
 
 
 def mounted(

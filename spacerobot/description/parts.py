@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 GeometryKind = Literal["box", "cylinder", "sphere", "mesh"]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]

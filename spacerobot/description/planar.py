@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description import xml_text as x
-from spacerobot.errors import DescriptionError
 
 _LIMIT_RAD = 2 * math.pi  # revolute, not continuous: the paper's joints turn by less than one revolution
 _EFFORT_N_M = 1000.0

@@ -7,13 +7,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from spacerobot.common.errors import DescriptionError
+from spacerobot.common.files import StrPath
 from spacerobot.description.mimic import settle
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.syntax import check_syntax, parse_xml
 from spacerobot.description.topology import root_link
 from spacerobot.description.xacro import SUFFIX, expand_xacro, refuse_xacro
-from spacerobot.errors import DescriptionError
-from spacerobot.files import StrPath
 
 MOST_BYTES = 20_000_000
 """Larger files are refused."""

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.description.parts import frozen
 from spacerobot.description.read import Description
-from spacerobot.errors import DescriptionError, near_names
 
 
 def placed(description: Description, origins: Mapping[str, Array]) -> Description:

@@ -9,8 +9,8 @@ from typing import get_args
 
 from lxml import etree
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description.parts import JointKind
-from spacerobot.errors import DescriptionError
 
 LARGEST = 1e12
 """Lengths, masses and inertias beyond this (in SI units) are mistakes."""

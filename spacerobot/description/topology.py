@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
+from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.description.parts import UrdfJoint, UrdfLink
-from spacerobot.errors import DescriptionError, near_names
 
 MOST_LINKS = 1000
 """More than any robot has; whoever builds the model does so recursively."""

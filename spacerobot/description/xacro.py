@@ -11,8 +11,8 @@ from pathlib import Path
 
 from lxml import etree
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description.syntax import parse_xml
-from spacerobot.errors import DescriptionError
 
 SUFFIX = ".xacro"
 MAX_CPU_S = 10

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from spacerobot.errors import DescriptionError
+from spacerobot.common.errors import DescriptionError
 
 PALETTE: dict[str, str] = {
     "gold": "0.83 0.62 0.20 1",

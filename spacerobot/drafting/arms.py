@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.description.bodies import welded_bodies
 from spacerobot.description.find import find_urdf, shipped_urdf_folder
 from spacerobot.description.parts import UrdfJoint
 from spacerobot.description.read import Description, read_description
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.load import validate
 from spacerobot.scenario.paths import Document
 from spacerobot.scene.build import build_scene

@@ -28,7 +28,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.files import StrPath
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.write import urdf_xml
 from spacerobot.drafting.arms import DraftArm, as_name, read, scene_of
@@ -36,8 +38,6 @@ from spacerobot.drafting.held import DraftRequest, held_scene
 from spacerobot.drafting.numbers import SPAN, DraftNumbers, payload_of, short
 from spacerobot.drafting.spacecraft import Spacecraft, spacecraft
 from spacerobot.drafting.text import flow, guidance_lines, guidance_variables, joint_lines
-from spacerobot.errors import ScenarioError
-from spacerobot.files import StrPath
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene

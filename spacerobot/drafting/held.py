@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.files import StrPath
 from spacerobot.drafting.arms import DraftArm, RobotFiles, as_name, ends, make_arm, read, scene_of, stand_in
 from spacerobot.drafting.mounts import equipped, read_mounts
 from spacerobot.drafting.numbers import DraftNumbers, payload_of
 from spacerobot.drafting.text import DraftText, text_of
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.files import StrPath
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene

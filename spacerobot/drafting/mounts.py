@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.description.mount import mounted
 from spacerobot.description.read import Description
 from spacerobot.drafting.arms import as_name, read
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.paths import Document
 
 FORM = "[NAME=]URDF[@x,y,z[,roll,pitch,yaw]]"

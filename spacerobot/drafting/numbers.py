@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description.parts import UrdfJoint
 from spacerobot.drafting.arms import DraftArm
 from spacerobot.scenario.paths import Document

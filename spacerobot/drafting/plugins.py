@@ -7,8 +7,8 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from spacerobot.errors import ScenarioError, SpaceRobotError, near_names
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.errors import ScenarioError, SpaceRobotError, near_names
+from spacerobot.common.files import StrPath, write_text
 
 TEMPLATES = {
     "sensor": "thermal",

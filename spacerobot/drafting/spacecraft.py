@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.drafting.arms import DraftArm
 from spacerobot.drafting.numbers import short
 from spacerobot.drafting.text import flow
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene
 

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.closedloop.loop_cache import cached_closed_loop
 from spacerobot.closedloop.stiffness import find_poles
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DivergedError
+from spacerobot.common.files import StrPath
 from spacerobot.drafting.capture import CaptureGeometry
 from spacerobot.drafting.held import DraftRequest, draft_scenario
-from spacerobot.errors import DivergedError
-from spacerobot.files import StrPath
 from spacerobot.linear.instants import Instant, instants
-from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.result.missed_captures import SHOWN, envelope_quantities
 from spacerobot.scene import Scene

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.dynamics.algebra import IDENTITY3, SymmetricFactors, cross_columns
 from spacerobot.dynamics.composite import mass_matrix
 from spacerobot.dynamics.inertias import Inertias
 from spacerobot.dynamics.joints import JointKind, JointModel
 from spacerobot.dynamics.kinematics import Kinematics, forward_kinematics, frame_jacobian
 from spacerobot.dynamics.momentum import centre_of_mass, subtree
-from spacerobot.errors import DescriptionError, near_names
 
 if TYPE_CHECKING:
     import pinocchio

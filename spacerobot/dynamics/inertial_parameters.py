@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics.algebra import cross, skew
 
 SIZE = 10

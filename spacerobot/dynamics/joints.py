@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError
 from spacerobot.dynamics.algebra import IDENTITY3, ZERO3
 from spacerobot.dynamics.rotations import rotation_from_quaternion, turn
-from spacerobot.errors import DescriptionError
 
 if TYPE_CHECKING:
     import pinocchio

@@ -1,5 +1,8 @@
-"""Public names and their modules; :mod:`spacerobot.lazy_names` loads a name when it is first used."""
+"""Public names and their modules; :mod:`spacerobot.common.lazy_names` loads a name when it is first used."""
 
+from spacerobot.common.section import SIGNALS_UNIT as SIGNALS_UNIT
+from spacerobot.common.section import Vector as Vector
+from spacerobot.common.section import quantity as quantity
 from spacerobot.elements.actuators.actuator import Actuator as Actuator
 from spacerobot.elements.contacts.contact import Contact as Contact
 from spacerobot.elements.controllers.controller import RobotController as RobotController
@@ -60,9 +63,6 @@ from spacerobot.elements.limits.plan_limit import PlannedJoint as PlannedJoint
 from spacerobot.elements.references.reference import Reference as Reference
 from spacerobot.elements.sensors.sensor import Sensor as Sensor
 from spacerobot.elements.shapes.collision_shape import CollisionShape as CollisionShape
-from spacerobot.section import SIGNALS_UNIT as SIGNALS_UNIT
-from spacerobot.section import Vector as Vector
-from spacerobot.section import quantity as quantity
 from spacerobot.shapes import CrownedTerm as CrownedTerm
 from spacerobot.shapes import SmoothTerm as SmoothTerm
 from spacerobot.shapes import Support as Support

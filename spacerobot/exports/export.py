@@ -11,15 +11,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from spacerobot.api.results import PlanResult
-from spacerobot.errors import ResultError, SpaceRobotError, near_names
+from spacerobot.common.errors import ResultError, SpaceRobotError, near_names
+from spacerobot.common.files import StrPath, staged
+from spacerobot.common.registry import EXPORT_FORMATS
+from spacerobot.common.section import Section
+from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.exports.export_format import ExportFormat
-from spacerobot.files import StrPath, staged
-from spacerobot.registry import EXPORT_FORMATS
 from spacerobot.result import Result, note_derived
 from spacerobot.scenario.validation_errors import explain
 from spacerobot.scene import Scene, load_scene
-from spacerobot.section import Section
-from spacerobot.tables import Content, Table, Tabular
 
 Changes = Mapping[str, Any] | Sequence[tuple[str, Any]]
 

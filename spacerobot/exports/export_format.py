@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from spacerobot.registry import EXPORT_FORMATS, Registry, required
-from spacerobot.section import Section
+from spacerobot.common.registry import EXPORT_FORMATS, Registry, required
+from spacerobot.common.section import Section
 
 Source = Literal["result", "plan", "scene"]
 """Kind of what is exported: ``Result``, ``PlanResult`` or ``Scene`` of the namespace."""
@@ -20,8 +20,8 @@ class ExportFormat:
     """A format of other tools.
 
     A format derives from this class, states its name, and is decorated with
-    :func:`spacerobot.registry.registered`. Packages that it needs are imported by
-    :func:`spacerobot.optional.optional_module` in :meth:`write`.
+    :func:`spacerobot.common.registry.registered`. Packages that it needs are imported by
+    :func:`spacerobot.common.optional.optional_module` in :meth:`write`.
 
     Attributes:
         name, place: On the command line, and its place in lists.

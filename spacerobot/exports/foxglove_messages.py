@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from spacerobot.common.optional import optional_module
 from spacerobot.exports.link_motion import LinkMotion, link_motions
 from spacerobot.exports.signals import signals, time_variables
-from spacerobot.optional import optional_module
 from spacerobot.result import Result
 from spacerobot.result.events import what_happened
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene
 
 if TYPE_CHECKING:

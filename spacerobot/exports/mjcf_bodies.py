@@ -8,7 +8,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene
 
 PLANAR = (("x", "slide", "1 0 0"), ("y", "slide", "0 1 0"), ("r", "hinge", "0 0 1"))

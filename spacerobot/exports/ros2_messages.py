@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
+from spacerobot.common.optional import optional_module
 from spacerobot.exports.link_motion import WORLD, link_motions
 from spacerobot.exports.ros2_definitions import definition_text
 from spacerobot.exports.signals import time_variables
-from spacerobot.optional import optional_module
 from spacerobot.result import Result
 from spacerobot.result.events import what_happened
 from spacerobot.scene import Scene

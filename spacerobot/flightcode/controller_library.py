@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.errors import SpaceRobotError
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath
 from spacerobot.flightcode.c_source import interface_signature, work_size
 from spacerobot.flightcode.controller_link import PREFIXES, ControllerLink, open_stream
 from spacerobot.flightcode.extract import onboard_software

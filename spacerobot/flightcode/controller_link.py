@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.flightcode.c_source import interface_signature
 from spacerobot.flightcode.onboard import OnboardSoftware, Task
 

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.flightcode.c_functions import LIBM, count_operations
 
 MARGIN = 4.0

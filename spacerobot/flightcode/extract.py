@@ -20,10 +20,10 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.closedloop.build import EvaluatedLoop, builder_of, evaluate
 from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
+from spacerobot.common.arrays import Array
 from spacerobot.elements import Event, State
 from spacerobot.elements.core.clock import EARLY, ONCE
 from spacerobot.flightcode.c_text import FUNCTIONS, MEMBERS, PROGRAMS, identifier

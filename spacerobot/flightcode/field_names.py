@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import pinocchio as pin
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop.loop_builder import LoopBuilder
+from spacerobot.common.arrays import Array
 from spacerobot.elements.sensors.signals import BODY_AXES, SIGNALS
 from spacerobot.flightcode.onboard import Field
 from spacerobot.scene import Scene

@@ -18,8 +18,8 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.flightcode.controller_library import OnboardController
 from spacerobot.flightcode.onboard import Field, Task
 from spacerobot.rollout import FiredEvent, Rollout, Trajectory, build_rollout

@@ -12,7 +12,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 Role = Literal["state", "sample", "count", "truth", "mode", "plan", "draw", "command"]
 """Roles of fields: stored states; samples of sensors and their number; true values that ideal sensors or

@@ -8,7 +8,7 @@ import subprocess
 from importlib import resources
 from pathlib import Path
 
-from spacerobot.errors import CompileError
+from spacerobot.common.errors import CompileError
 from spacerobot.flightcode.c_functions import (
     Precision,
     function_name,

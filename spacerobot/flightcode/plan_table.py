@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.references.knot_motion import nodes_of, slices_of
 from spacerobot.elements.references.plan_file import parted, points_of
 from spacerobot.flightcode.c_text import comment_text, number_literal

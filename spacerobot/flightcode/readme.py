@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 
+from spacerobot.common.version import __version__
 from spacerobot.flightcode.c_functions import Precision, count_operations
 from spacerobot.flightcode.c_source import work_size
 from spacerobot.flightcode.onboard import OnboardSoftware
-from spacerobot.version import __version__
 
 TEXT = Template("""\
 # On-board software of the scenario $title

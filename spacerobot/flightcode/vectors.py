@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.flightcode.c_functions import Precision, function_name
 from spacerobot.flightcode.c_text import comment_text
 from spacerobot.flightcode.evaluation import evaluate_rows, library_bounds

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 from xml.etree import ElementTree as ET
 
+from spacerobot.common.version import __version__
 from spacerobot.fmu.ports import PlantPorts, PlantVariable
 from spacerobot.fmu.units import unit_definition
-from spacerobot.version import __version__
 
 Fmi = Literal[2, 3]
 TEXT = Mapping[str, str]

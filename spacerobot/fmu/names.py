@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 QUOTABLE = re.compile(r"[A-Za-z0-9_ !#$%&()*+,\-./:;<>=?@\[\]^{}|~]+")

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from spacerobot.closedloop import ClosedLoop, CommandInput, OutputVariable
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.dynamics.rotations import rotation_from_quaternion
-from spacerobot.errors import SpaceRobotError
 from spacerobot.fmu.names import keys_at, structured
 from spacerobot.fmu.units import unit_definition
 from spacerobot.scenario.load import to_document

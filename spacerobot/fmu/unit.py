@@ -12,13 +12,13 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from spacerobot.closedloop import build_closed_loop, build_commanded_loop
+from spacerobot.common.errors import CompileError, ScenarioError, SpaceRobotError
+from spacerobot.common.progress import tell
 from spacerobot.compiled import NO_COMPILER, Toolchain, find_toolchain
 from spacerobot.compiled.build import SourceUnit, build
-from spacerobot.errors import CompileError, ScenarioError, SpaceRobotError
 from spacerobot.fmu.model_description import Fmi, UnitDescription, build_description, model_description
 from spacerobot.fmu.ports import find_ports
 from spacerobot.fmu.sources import plant_sources
-from spacerobot.progress import tell
 from spacerobot.rollout import time_grid
 from spacerobot.rollout.kernel import build_kernel
 from spacerobot.rollout.methods import METHODS

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from spacerobot.errors import SpaceRobotError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath
+from spacerobot.common.optional import optional_module
 from spacerobot.learning.registration import register_environments
-from spacerobot.optional import optional_module
 from spacerobot.scene import Scene
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.section import is_number
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand, get
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.actuation import torque_limit, wrench_limits
-from spacerobot.section import is_number
 
 KEY = "policy"
 """Key of the controller in the section of each robot."""

@@ -8,8 +8,8 @@ from typing import Any, Unpack
 import gymnasium
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.files import StrPath
 from spacerobot.learning.episodes import Episodes, Segment
 from spacerobot.learning.task import EnvironmentOptions, SceneTask
 from spacerobot.result import Result

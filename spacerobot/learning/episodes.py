@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.learning.rewards import DIVERGED, Outputs
 from spacerobot.learning.task import SceneTask
 from spacerobot.rollout import Batch, Trajectory

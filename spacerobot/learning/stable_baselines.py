@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.learning.episodes import Flags
 from spacerobot.learning.vector_environment import SceneVectorEnvironment
 

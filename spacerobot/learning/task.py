@@ -8,11 +8,12 @@ from typing import Any, Literal, TypedDict, Unpack, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.closedloop.loop_cache import cached_closed_loop
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, SpaceRobotError, near_names
+from spacerobot.common.files import StrPath
 from spacerobot.elements.controllers.controller import INPUT
-from spacerobot.errors import ScenarioError, SpaceRobotError, near_names
-from spacerobot.files import StrPath
 from spacerobot.learning.actions import (
     KEY,
     Limits,
@@ -22,7 +23,6 @@ from spacerobot.learning.actions import (
 )
 from spacerobot.learning.registration import ENVIRONMENTS
 from spacerobot.learning.rewards import DIVERGED, OutputPart, Outputs, Reward, RewardFunction
-from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.quantities import Quantity, quantities
 from spacerobot.rollout import Measure, Measures, build_rollout, final
 from spacerobot.rollout.resumable_loop import resumed, resumed_measures

@@ -12,9 +12,9 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath
 from spacerobot.learning.environment import spaces_of
 from spacerobot.learning.episodes import Episodes, Flags, Rows, Segment
 from spacerobot.learning.task import EnvironmentOptions, SceneTask

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.errors import DivergedError, ScenarioError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DivergedError, ScenarioError, near_names
 from spacerobot.rollout import FiredEvent, Rollout, Trajectory, time_grid
 
 

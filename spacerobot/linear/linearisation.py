@@ -29,18 +29,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
 from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_loop
-from spacerobot.errors import SpaceRobotError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError, near_names
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant, check_instants, instants
 from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition
 from spacerobot.rollout import Rollout
 from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress, prepare_simulation
-from spacerobot.tables import Content, Table, Tabular
 
 if TYPE_CHECKING:
     import control

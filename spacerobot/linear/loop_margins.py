@@ -21,15 +21,15 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError, SpaceRobotError
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError, SpaceRobotError
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.linear.instants import events_of, instants, samples
 from spacerobot.linear.linearisation import Lineariser, LinearSystem
 from spacerobot.linear.loop_response import loop_responses, response_slopes, responses
 from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress
-from spacerobot.tables import Content, Table, Tabular
 
 FILE = "margins.nc"
 """File with the margins, in the folder that ``spacerobot margins --out`` writes."""

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.linear.linearisation import NEUTRAL, RIGID, LinearSystem
 from spacerobot.linear.periodic import Matrices
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.linear.complex_step import STEP, derivative, evaluate
 from spacerobot.linear.instants import Instant, instants
 from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem

@@ -18,11 +18,11 @@ from fractions import Fraction
 import numpy as np
 import scipy.linalg
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.closedloop.break_points import PerturbedLoop
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.core.clock import EARLY, ONCE
-from spacerobot.errors import ScenarioError
 from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant
 

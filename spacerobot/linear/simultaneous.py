@@ -21,8 +21,8 @@ from fnmatch import fnmatchcase
 import numpy as np
 from scipy.optimize import minimize
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.linear.linearisation import LinearSystem
 from spacerobot.linear.loop_response import AT_ONCE, frequency_grid
 

@@ -12,18 +12,18 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop.build import evaluate, section_context, state_names
 from spacerobot.closedloop.events import LoopEvent, rules_of, update_of
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import numbers
+from spacerobot.compiled.numeric_function import NumericFunction
 from spacerobot.elements import Contribution
-from spacerobot.numeric_function import NumericFunction
 from spacerobot.pinocchio_engine.dynamics import DynamicsConditions, DynamicsUnknowns
 from spacerobot.pinocchio_engine.mechanical_inputs import InputBuilder, InputPlant, numeric_start
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState, configuration_rate, coordinates
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
-from spacerobot.section import numbers
 from spacerobot.symbolic import Parameters, Plant
 
 

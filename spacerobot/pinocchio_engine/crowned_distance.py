@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import CollisionShape
 from spacerobot.scene.contacts import coal_distance
 from spacerobot.scene.scene import SceneShape

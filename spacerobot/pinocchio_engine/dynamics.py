@@ -19,9 +19,9 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop.forward_dynamics import ForwardDynamicsResult, deliver, in_turn, known_locks
 from spacerobot.closedloop.impulse import PlasticImpact, idleness, imposed, masked
+from spacerobot.common.arrays import Array
 from spacerobot.elements import Contribution, ControlChannel
 from spacerobot.elements.core.contribution import SampledLaw, concatenate, jointly
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState

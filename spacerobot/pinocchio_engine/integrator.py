@@ -9,8 +9,8 @@ import numpy as np
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.pinocchio_engine.closed_loop import PinocchioLoop
 
 POSITION_LIMIT = 1e6

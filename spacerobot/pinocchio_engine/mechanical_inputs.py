@@ -15,9 +15,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.closedloop.plant import joint_resistance
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics import Inertias, Kinematics, Wrench, configuration_derivative, forward_kinematics
 from spacerobot.dynamics.algebra import IDENTITY3, cross_columns
 from spacerobot.dynamics.articulated import load_cases

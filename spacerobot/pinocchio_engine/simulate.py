@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.pinocchio_engine.closed_loop import PinocchioLoop
 from spacerobot.pinocchio_engine.integrator import Integrator, LocatedEvent
 from spacerobot.rollout import FiredEvent

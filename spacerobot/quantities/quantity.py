@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import casadi as ca
 import numpy as np
 
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.common.errors import SpaceRobotError, near_names
 
 if TYPE_CHECKING:
     from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions

@@ -1,5 +1,5 @@
 """Results: labelled data, metrics, ledger, and their folders on disk."""
 
-from spacerobot.lazy_names import lazy_names
+from spacerobot.common.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Public names and their modules; :mod:`spacerobot.lazy_names` loads a name when it is first used."""
+"""Public names and their modules; :mod:`spacerobot.common.lazy_names` loads a name when it is first used."""
 
 from spacerobot.result.derived_files import note_derived as note_derived
 from spacerobot.result.result import Result as Result

@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 import xarray as xr
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
 

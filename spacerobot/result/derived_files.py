@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from spacerobot.files import StrPath, locked, write_text
+from spacerobot.common.files import StrPath, locked, write_text
 
 DERIVED = "derived.json"
 """File that lists what was made from a result and lies in its folder, by path, with the sha256 of each."""

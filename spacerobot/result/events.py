@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
+from spacerobot.common.tables import Table
 from spacerobot.rollout import FiredEvent
 from spacerobot.scene import Scene, SceneGrasp
-from spacerobot.tables import Table
 
 INNER = ("reference", "eased", "settling", "moving", "control", "cut", "measured", "clipped", "unclipped")
 """Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits, a

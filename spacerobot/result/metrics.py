@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result.dataset import AXES
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 import xarray as xr
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene, SceneGrasp
 
 Booleans = npt.NDArray[np.bool_]

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from spacerobot.arrays import Array
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.result.store import read_result, write_result
 from spacerobot.result.summary_types import Summary
 from spacerobot.result.table import Row, headline, result_tables, status_text
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
-from spacerobot.tables import Table, Tabular
 
 
 @dataclass(frozen=True)

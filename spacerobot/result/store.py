@@ -13,9 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.files import STAGE, StrPath, locked, staged
-from spacerobot.interrupts import uninterrupted
+from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.common.files import STAGE, StrPath, locked, staged
+from spacerobot.common.interrupts import uninterrupted
 from spacerobot.result.derived_files import DERIVED, remove_derived
 
 if TYPE_CHECKING:

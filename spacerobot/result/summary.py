@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import xarray as xr
 
+from spacerobot.common.version import __version__
 from spacerobot.elements.core.registry import plugin_records
 from spacerobot.result.events import outcome_of
 from spacerobot.result.ledger import build_ledger
@@ -31,7 +32,6 @@ from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import advise, deep_contacts, judge, warning
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
-from spacerobot.version import __version__
 
 
 def build_summary(

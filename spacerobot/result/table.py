@@ -8,11 +8,11 @@ from typing import Any
 
 import xarray as xr
 
+from spacerobot.common.tables import Table
 from spacerobot.result.events import event_table
 from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import open_words
 from spacerobot.scenario import Scenario
-from spacerobot.tables import Table
 
 Row = tuple[str, str]
 FINEST = 1e-4

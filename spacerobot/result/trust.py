@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene.scene import SceneContact
 
 MOST_DRIFT = 0.01

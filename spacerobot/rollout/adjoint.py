@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from spacerobot.errors import CompileError
+from spacerobot.common.errors import CompileError
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.engines import Loops, StopFlag, make_job
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function

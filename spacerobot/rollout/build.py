@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, TypedDict, Unpack
 
+from spacerobot.common.errors import CompileError, SpaceRobotError
 from spacerobot.compiled import NO_COMPILER, find_toolchain
-from spacerobot.errors import CompileError, SpaceRobotError
 from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
 from spacerobot.rollout.engine_factory import Engines
 from spacerobot.rollout.kernel import Kernel, build_kernel

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
 from spacerobot.rollout.measures import Measures
 

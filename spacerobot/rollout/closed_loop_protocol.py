@@ -7,7 +7,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from spacerobot.arrays import Array as Array
+from spacerobot.common.arrays import Array as Array
 from spacerobot.symbolic import NoiseTable, WindowTable
 
 

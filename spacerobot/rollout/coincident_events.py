@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.numeric_function import NumericFunction
+from spacerobot.compiled.numeric_function import NumericFunction
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.rollout_arrays import (

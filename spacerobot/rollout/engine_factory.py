@@ -7,8 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
+from spacerobot.common.errors import CompileError
 from spacerobot.compiled import Toolchain
-from spacerobot.errors import CompileError
 from spacerobot.rollout.adjoint import AdjointEngine, adjoint_kernel
 from spacerobot.rollout.engines import CompiledLoops, Engine, InterpretedLoops, Loops, compile_kernel
 from spacerobot.rollout.kernel import Kernel

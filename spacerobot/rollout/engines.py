@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from spacerobot.common.errors import CompileError
 from spacerobot.compiled import Library, Toolchain, compile_functions
-from spacerobot.errors import CompileError
 from spacerobot.rollout.closed_loop_protocol import Array
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.kernel_tables import constants_of

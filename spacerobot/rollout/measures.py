@@ -21,9 +21,9 @@ from typing import Literal
 
 import casadi as ca
 
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.common.errors import SpaceRobotError, near_names
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
-from spacerobot.tables import Table, Tabular
 
 Kind = Literal["integral", "peak", "final"]
 Costs = Callable[[Mapping[str, ca.SX], Mapping[str, ca.SX]], Mapping[str, ca.SX]]

@@ -11,7 +11,8 @@ from typing import Unpack
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.common.errors import SpaceRobotError, near_names
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
 from spacerobot.rollout.batch import Control, Controls, Samples, run_batch, run_gradients, run_one
 from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions
@@ -22,7 +23,6 @@ from spacerobot.rollout.sensitivity import DERIVATIVE
 from spacerobot.rollout.step_choice import StepChoice, search_step
 from spacerobot.rollout.time_grid import TimeGrid, time_grid
 from spacerobot.rollout.trajectory import Batch, Gradient, Jacobian, Slopes, Trajectory, frozen
-from spacerobot.tables import Table, Tabular
 
 TOLERANCE = 1e-6
 UNCHECKED = "unchecked"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spacerobot.errors import DivergedError
+from spacerobot.common.errors import DivergedError
 from spacerobot.rollout.trajectory import Trajectory
 
 SAFETY = 0.9

@@ -9,8 +9,8 @@ from typing import Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.tables import Table, Tabular
 
 Status = Literal["completed", "diverged", "unclosed", "chattering"]
 Integers = npt.NDArray[np.int64]

@@ -16,12 +16,12 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import CompileError
 from spacerobot.compiled import Toolchain, find_toolchain, statements_of
 from spacerobot.compiled.build import SourceUnit, build
 from spacerobot.compiled.library import cached_library
 from spacerobot.compiled.toolchain import processor_of_machine
-from spacerobot.errors import CompileError
 from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.kernel_tables import (
     FUNCTIONS,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar, Protocol
 
-from spacerobot.arrays import Array
-from spacerobot.registry import SAMPLERS, Registry, required
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import SAMPLERS, Registry, required
 
 
 class SampledParameter(Protocol):

@@ -1,4 +1,4 @@
-"""Public names and their modules; :mod:`spacerobot.lazy_names` loads a name when it is first used."""
+"""Public names and their modules; :mod:`spacerobot.common.lazy_names` loads a name when it is first used."""
 
 from spacerobot.scenario.bodies import Base as Base
 from spacerobot.scenario.bodies import Body as Body

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import Name, Section, Vector, quantity
 from spacerobot.elements.core.registry import create
 from spacerobot.scenario.element_fields import (
     Actuator,
@@ -19,7 +20,6 @@ from spacerobot.scenario.element_fields import (
     TipController,
 )
 from spacerobot.scenario.sensors import Sensors
-from spacerobot.section import Name, Section, Vector, quantity
 
 if TYPE_CHECKING:
     from spacerobot.elements import RobotElement

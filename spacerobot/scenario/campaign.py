@@ -9,12 +9,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.errors import near_names
+from spacerobot.common.errors import near_names
+from spacerobot.common.registry import SAMPLERS
+from spacerobot.common.section import MAX_SAMPLES, MAX_STEPS, Name, OneOf, Paths, Section, quantity
 from spacerobot.quantities import default_metrics, find_quantity, metrics
-from spacerobot.registry import SAMPLERS
 from spacerobot.samplers import Sampler
 from spacerobot.scenario.quantity_numbers import QuantityLimits
-from spacerobot.section import MAX_SAMPLES, MAX_STEPS, Name, OneOf, Paths, Section, quantity
 
 Distribution = Literal["uniform", "normal", "lognormal", "truncated_normal"]
 NEEDS: dict[str, tuple[str, ...]] = {

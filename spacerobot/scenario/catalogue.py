@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.errors import ScenarioError, near_names
 
 FOLDER = Path(__file__).parent.parent / "scenarios"
 

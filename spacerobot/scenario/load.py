@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.core.registry import kinds
-from spacerobot.errors import ScenarioError
 from spacerobot.quantities import planned
 from spacerobot.scenario.paths import Document, assign
 from spacerobot.scenario.scenario import Scenario

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import is_number, leaves, matching
 from spacerobot.elements.core.registry import find_kind
-from spacerobot.errors import near_names
 from spacerobot.scenario.paths import Document
-from spacerobot.section import is_number, leaves, matching
 
 CONTROLLERS = ("pid", "orientation_pid", "amnesia", "orientation_amnesia")
 """Controllers of a tip that have keys of their own."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.section import matching
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.section import matching
 
 Document = dict[str, Any]
 

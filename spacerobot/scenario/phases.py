@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.errors import near_names
-from spacerobot.section import Name, Section, quantity
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import Name, Section, quantity
 
 END = "end"
 """What follows a phase that ends the simulation."""

@@ -15,6 +15,7 @@ from pydantic import (
     model_validator,
 )
 
+from spacerobot.common.section import Name, Paths, Section, Vector, is_number, quantity
 from spacerobot.elements.core.registry import find_kind
 from spacerobot.quantities import planned
 from spacerobot.scenario.element_fields import ApproachCone, Goal, KeepOut, LineOfSight, PlanLimit
@@ -22,7 +23,6 @@ from spacerobot.scenario.merge import overlay, pick, without_null
 from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scenario.tuning import DesignVariable
 from spacerobot.scenario.validation_errors import explain
-from spacerobot.section import Name, Paths, Section, Vector, is_number, quantity
 
 
 class TimeRange(Section):

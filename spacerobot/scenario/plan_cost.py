@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.errors import near_names
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import OneOf, Section, matching, quantity
 from spacerobot.quantities import Columns, Quantity, planned
-from spacerobot.section import OneOf, Section, matching, quantity
 
 if TYPE_CHECKING:
     from spacerobot.elements.goals.plan_instant import PlanInstant

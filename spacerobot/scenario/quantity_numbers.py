@@ -11,8 +11,8 @@ from pydantic import ConfigDict, Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from spacerobot.common.section import Section
 from spacerobot.quantities import Quantity, limited, weighted
-from spacerobot.section import Section
 
 
 class QuantityNumbers(Section):

@@ -1,6 +1,6 @@
 """Bounds on how often something happens in a simulation: samples, decisions, plans, steps.
 
-A field states by ``recurs`` of :func:`spacerobot.section.quantity` how often its time may fit into the
+A field states by ``recurs`` of :func:`spacerobot.common.section.quantity` how often its time may fit into the
 simulated one. Without a bound, a period of 1e-12 s would ask for more memory and time than there is.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from spacerobot.section import RECURS, Section
+from spacerobot.common.section import RECURS, Section
 
 
 def check_recurrences(scenario: Section, duration_s: float) -> None:

@@ -6,7 +6,8 @@ from typing import Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from spacerobot.errors import near_names
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import MAX_SAMPLES, MAX_STEPS, Name, Section, Vector, quantity
 from spacerobot.scenario.bodies import Base, Robot, Target
 from spacerobot.scenario.campaign import Campaign
 from spacerobot.scenario.element_fields import CollisionShape, Contact, Environment, Grasp
@@ -17,7 +18,6 @@ from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.recurrences import check_recurrences
 from spacerobot.scenario.tuning import Tuning
 from spacerobot.scenario.validation_errors import explain
-from spacerobot.section import MAX_SAMPLES, MAX_STEPS, Name, Section, Vector, quantity
 
 
 class Simulation(Section):

@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import model_validator
 
+from spacerobot.common.section import Section, quantity
 from spacerobot.elements.sensors.signals import WRENCHES
 from spacerobot.scenario.element_fields import Sensor
-from spacerobot.section import Section, quantity
 
 
 def signal(unit: str, description: str) -> Any:

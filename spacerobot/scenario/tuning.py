@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from spacerobot.errors import near_names
+from spacerobot.common.errors import near_names
+from spacerobot.common.registry import TUNING_METHODS
+from spacerobot.common.section import MAX_STEPS, Name, OneOf, Paths, Section, quantity
 from spacerobot.quantities import Quantity, limited
-from spacerobot.registry import TUNING_METHODS
 from spacerobot.scenario.quantity_numbers import QuantityLimits, QuantityWeights
-from spacerobot.section import MAX_STEPS, Name, OneOf, Paths, Section, quantity
 
 
 class DesignVariable(Section):

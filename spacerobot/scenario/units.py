@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from spacerobot.common.section import SIGNALS_UNIT, Section
 from spacerobot.elements.controllers.controller import TipController
 from spacerobot.scenario.scenario import Scenario
-from spacerobot.section import SIGNALS_UNIT, Section
 
 
 def unit_at(scenario: Scenario, path: str) -> str:

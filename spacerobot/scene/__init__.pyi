@@ -1,4 +1,4 @@
-"""Public names and their modules; :mod:`spacerobot.lazy_names` loads a name when it is first used."""
+"""Public names and their modules; :mod:`spacerobot.common.lazy_names` loads a name when it is first used."""
 
 from spacerobot.scene.build import build_scene as build_scene
 from spacerobot.scene.load import load_scene as load_scene

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.actuators.actuator import Actuator
 from spacerobot.elements.core.robot_element import Part
 from spacerobot.scenario import Robot

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description.bodies import odd_bodies
 from spacerobot.scenario import Robot
 from spacerobot.scene.checks import resolved_bodies, robot_elements, robot_facts

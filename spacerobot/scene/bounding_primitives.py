@@ -7,7 +7,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description.parts import Geometry
 from spacerobot.elements import CollisionShape, kinds
 from spacerobot.elements.shapes.collision_shape import Wrap

@@ -9,8 +9,8 @@ from typing import Any
 
 import pinocchio as pin
 
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.files import StrPath
 from spacerobot.scenario import Robot, Scenario
 from spacerobot.scenario.load import apply_change, to_document, validate
 from spacerobot.scene.assumptions import list_assumptions, list_warnings

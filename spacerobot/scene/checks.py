@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.description.bodies import RigidBody, check_bodies, welded_bodies
 from spacerobot.description.flexible import find_link
 from spacerobot.description.parts import UrdfLink
 from spacerobot.description.read import Description
 from spacerobot.elements import Actuator, RobotElement, RobotProperties, kinds
 from spacerobot.elements.estimators.estimator import HELD_INERTIA
-from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Robot, Scenario, Target
 from spacerobot.scene.configure import relative_jacobian
 from spacerobot.scene.grasp_closing import begun, find_closings, is_rigid

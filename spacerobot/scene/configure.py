@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import base_alignment
 from spacerobot.scene.grasp_closing import begun, find_closings, is_rigid
 from spacerobot.scene.scene import Scene, SceneBody, SceneGrasp

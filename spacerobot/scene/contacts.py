@@ -12,12 +12,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.section import matching
 from spacerobot.elements.shapes.collision_shape import Wrap, wrapping_shapes
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
 from spacerobot.scene.bounding_primitives import shape_of, wrapped, wraps_around
 from spacerobot.scene.scene import Scene, SceneBody, SceneContact, SceneShape
-from spacerobot.section import matching
 from spacerobot.shapes import Shape, have_distance, proximity
 
 TOUCHING = 1e-9

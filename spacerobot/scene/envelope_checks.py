@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scenario import Robot
 from spacerobot.scene.reference_checks import lengths_to_root, reach
 from spacerobot.scene.scene import Scene, SceneBody

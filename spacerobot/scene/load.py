@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from spacerobot.files import StrPath
+from spacerobot.common.files import StrPath
 from spacerobot.scenario.catalogue import find_scenario
 from spacerobot.scenario.document import read_document
 

@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene.scene import Scene, SceneBody
 
 DEPTH = 1e-3

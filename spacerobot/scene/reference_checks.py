@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.scene.scene import Scene, SceneBody
 
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError, ScenarioError, near_names
+from spacerobot.common.section import matching
 from spacerobot.description.find import find_urdf, is_file
 from spacerobot.description.mount import mounted
 from spacerobot.description.parts import UrdfJoint as UrdfJoint
@@ -18,10 +20,8 @@ from spacerobot.description.relocated_links import placed
 from spacerobot.description.xacro import SUFFIX, expand_xacro
 from spacerobot.elements import FAMILIES, Element, create
 from spacerobot.elements.core.registry import find_kind
-from spacerobot.errors import DescriptionError, ScenarioError, near_names
 from spacerobot.scenario import Joint, Scenario
 from spacerobot.scenario.paths import Document
-from spacerobot.section import matching
 
 _STATES = ("angle_deg", "rate_deg", "offset", "speed")
 NO_LIMIT = 1e300

@@ -11,13 +11,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.description.read import Description
 from spacerobot.elements import CollisionShape, Contact, Grasp, Reference
 from spacerobot.elements.flexible.flexible_link import Number
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Base, Robot, Scenario, Target, Tip
-from spacerobot.tables import Table, Tabular
 
 
 @dataclass(frozen=True)

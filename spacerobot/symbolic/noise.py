@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 DRAW, SEED = "simulation.noise_draw", "simulation.noise_seed"
 """Numbers of the scenario: which draw, and of which family."""

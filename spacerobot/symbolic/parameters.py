@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.symbolic.noise import NoiseTable
 from spacerobot.symbolic.tables import WindowTable
 

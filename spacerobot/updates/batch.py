@@ -10,8 +10,8 @@ from typing import Any, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop, OutputVariable
+from spacerobot.common.arrays import Array
 from spacerobot.compiled import usable_cores
 from spacerobot.rollout import Batch, Measures, Rollout, build_rollout, final, time_grid
 from spacerobot.rollout.batch import Controls

@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop, OutputVariable
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.controller import INPUT
 from spacerobot.rollout import Rollout, Trajectory
 from spacerobot.rollout.closed_loop_protocol import LoopParameters

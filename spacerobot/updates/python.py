@@ -8,14 +8,14 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.elements.controllers.controller import INPUT
 from spacerobot.elements.controllers.python_controller import (
     HeldForces,
     PythonController,
     checked_forces,
 )
-from spacerobot.errors import SpaceRobotError
 from spacerobot.scene import Scene, build_scene
 from spacerobot.updates.plant import SHORT, Inputs, Rows, UpdatedPlant
 

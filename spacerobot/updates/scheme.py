@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.scene import Scene
 from spacerobot.updates.plant import ROUNDING, Rows, UpdatedPlant
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 import spacerobot as sr
 from spacerobot.cli.app import app
-from spacerobot.errors import ResultError, ScenarioError
-from spacerobot.tables import Table, Tree
+from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.common.tables import Table, Tree
 from tests.optim.planning.conftest import REACH
 from tests.oracles import one_arm
 
@@ -220,7 +220,7 @@ def test_the_page_of_a_saddle_point_says_so(reach, tmp_path):
 
 
 def test_the_paper_is_compared_in_one_table(tmp_path):
-    from spacerobot.paper import VARIANTS, PaperComparison
+    from spacerobot.simulation.paper import VARIANTS, PaperComparison
 
     result = sr.simulate(VARIANTS[0].scene())
     compared = PaperComparison({VARIANTS[0]: result})

@@ -20,8 +20,8 @@ from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.methods.run_method import MethodOutcome
 from optim.problem.formulation import Formulation
 from optim.problem.problem import EvaluationCost
+from spacerobot.common.errors import ResultError
 from spacerobot.description import find_urdf, read_description
-from spacerobot.errors import ResultError
 from spacerobot.result import check_folder, note_derived
 from viz.report.report import find_results
 

@@ -42,7 +42,7 @@ def test_a_package_loads_nothing_before_a_name_is_used(package):
     loaded = set(done.stdout.split())
     assert not loaded & {"numpy", "casadi", "pinocchio", "pydantic", "matplotlib"}
     ours = {name for name in loaded if name.partition(".")[0] in PACKAGES}
-    assert ours <= {package, "spacerobot", "spacerobot.lazy_names"}
+    assert ours <= {package, "spacerobot", "spacerobot.common", "spacerobot.common.lazy_names"}
 
 
 def test_every_result_of_the_namespace_is_saved_loaded_and_shown():

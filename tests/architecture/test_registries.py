@@ -23,7 +23,7 @@ from spacerobot import elements
 from spacerobot.cli.command import Command
 from spacerobot.elements import quantity
 from spacerobot.exports import ExportFormat
-from spacerobot.registry import COMMANDS
+from spacerobot.common.registry import COMMANDS
 from spacerobot.samplers import Sampler
 from viz.figures import figure
 
@@ -103,7 +103,7 @@ from optim.methods.run_method import run_method
 from optim.methods.settings import Effort
 from spacerobot.cli import app
 from spacerobot.elements.core.kind_table import markdown
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario import Campaign, Tuning
 from spacerobot.scenario.load import json_schema
 from tests.oracles.balls import meeting
@@ -156,11 +156,11 @@ def test_one_file_adds_a_kind_of_each_family(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("module", ["spacerobot.cli.app", "spacerobot.registry"])
+@pytest.mark.parametrize("module", ["spacerobot.cli.app", "spacerobot.common.registry"])
 def test_names_are_listed_without_loading_what_has_them(module):
     code = (
-        f"import sys, {module}; from spacerobot.registry import TUNING_METHODS; TUNING_METHODS.names(); "
-        "print(*sys.modules)"
+        f"import sys, {module}; from spacerobot.common.registry import TUNING_METHODS; "
+        "TUNING_METHODS.names(); print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     loaded = set(done.stdout.split())

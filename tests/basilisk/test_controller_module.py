@@ -12,7 +12,7 @@ pytest.importorskip("Basilisk")
 
 from Basilisk.simulation import svIntegrators
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.exports.mjcf_bodies import coordinates, model_coordinates
 from tests.basilisk.flight_software import simulated
 

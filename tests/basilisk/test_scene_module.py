@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import spacerobot as sr
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 
 pytest.importorskip("Basilisk")
 

@@ -3,7 +3,7 @@
 from typer.testing import CliRunner
 
 from spacerobot.cli.app import app
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from tests.oracles.free_bodies import FLAT, free_bodies
 
 

@@ -129,7 +129,7 @@ def test_every_shipped_scenario_is_listed(spacerobot):
 
 
 def test_paper_prints_every_variant_and_saves_each(spacerobot, tmp_path, monkeypatch):
-    import spacerobot.paper as paper
+    import spacerobot.simulation.paper as paper
 
     expected = {
         f"{f}-{c}-R{r}" for f in ("base", "inertial") for c in ("pid", "amnesia") for r in ("0.10", "0.15")

@@ -11,7 +11,7 @@ import xarray as xr
 import spacerobot as sr
 from optim.planning.output.plan_folder import DIMENSIONS, read
 from spacerobot.cli.app import main
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from tests.oracles import one_arm
 
 TUNING = {

@@ -13,9 +13,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from spacerobot import interrupts
 from spacerobot.cli.app import main
-from spacerobot.interrupts import keep, minded, uninterrupted
+from spacerobot.common import interrupts
+from spacerobot.common.interrupts import keep, minded, uninterrupted
 from spacerobot.result import Result
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +72,7 @@ def test_a_job_that_ignores_interrupts_goes_on_doing_so():
 
 IN_A_LIBRARY = """
 import os, signal, threading, time
-from spacerobot.interrupts import minded
+from spacerobot.common.interrupts import minded
 with minded():
     threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
     {}

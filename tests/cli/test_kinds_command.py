@@ -3,8 +3,8 @@
 import pytest
 
 from spacerobot.cli import app
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.elements import FAMILIES, PLANS, kinds
-from spacerobot.errors import SpaceRobotError
 from spacerobot.quantities import planned
 
 

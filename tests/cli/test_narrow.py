@@ -27,9 +27,9 @@ from optim.planning.output.study_folder import study_tables
 from optim.robust.problem import RobustTuningResult, Statistic
 from spacerobot.cli import app, output
 from spacerobot.cli.commands import compare
-from spacerobot.paper import VARIANTS, PaperComparison
+from spacerobot.common.tables import Table
 from spacerobot.result.events import HEADINGS, event_rows
-from spacerobot.tables import Table
+from spacerobot.simulation.paper import VARIANTS, PaperComparison
 
 REPOSITORY = Path(__file__).parents[2]
 WIDTHS = (80, 100)

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from spacerobot.api.pictures import playback
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm

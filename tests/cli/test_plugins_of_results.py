@@ -11,7 +11,7 @@ import pytest
 
 from optim.campaign.store.folder import load_head, open_store
 from spacerobot.cli import plugins
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from tests import forks
 
 REPOSITORY = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import DivergedError, ScenarioError
+from spacerobot.common.errors import DivergedError, ScenarioError
 from spacerobot.rollout import Measures, Signals, build_rollout, integral
 from spacerobot.scene import load_scene
 from spacerobot.scene.configure import initial_state, relative_jacobian

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.rollout import build_rollout
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 from tests.oracles.hybrid import roll

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.rollout import build_rollout
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_yaml, validate

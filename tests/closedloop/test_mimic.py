@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.configure import relative_jacobian
 from tests.oracles.small_scenes import folder, random_x, small_scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import build_scene, load_scene
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 from tests.oracles.two_engines import ENGINES, Numeric, Symbolic

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from tests.oracles.free_bodies import FLAT, free_bodies
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene

@@ -17,10 +17,10 @@ import pytest
 from rich.status import Status
 
 from spacerobot.cli.output import progress
+from spacerobot.common.errors import CompileError, SpaceRobotWarning
 from spacerobot.compiled import cache as cache_module
 from spacerobot.compiled import compile_functions, find_toolchain
 from spacerobot.compiled.toolchain import SUFFIX
-from spacerobot.errors import CompileError, SpaceRobotWarning
 
 X = ca.SX.sym("x")
 

@@ -15,7 +15,7 @@ BESIDE = """
 import pathlib, signal, sys, threading, time
 from spacerobot.compiled.build import SourceUnit, build
 from spacerobot.compiled.toolchain import Toolchain
-from spacerobot.interrupts import minded
+from spacerobot.common.interrupts import minded
 
 folder = pathlib.Path(sys.argv[1])
 compiler = folder / "compiler"

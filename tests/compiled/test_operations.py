@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spacerobot.common.errors import CompileError
 from spacerobot.compiled import compile_functions, find_toolchain
-from spacerobot.errors import CompileError
 from spacerobot.rollout.virtual_machine import Program
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")

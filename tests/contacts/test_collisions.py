@@ -11,8 +11,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.contacts.hunt_crossley import speed_ratio
-from spacerobot.errors import ScenarioError
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import build_scene
 from tests.oracles.balls import body, meeting, scene

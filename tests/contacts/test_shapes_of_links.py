@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from tests.oracles.balls import body, scene
 
 STL = "solid box\n{}endsolid box\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import spacerobot as sr
-from spacerobot.errors import DivergedError
+from spacerobot.common.errors import DivergedError
 from spacerobot.rollout import step_choice
 
 STIFF = {

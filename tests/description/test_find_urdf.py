@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description import find, find_urdf, read_description, shipped_urdf_folder
 from spacerobot.description.meshes import resolve_mesh, stand_in
-from spacerobot.errors import DescriptionError
 
 TETRAHEDRON = """\
 v 0 0 0

@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description import Description, read_description
 from spacerobot.description.bodies import check_bodies, welded_bodies
-from spacerobot.errors import DescriptionError
 
 GOOD = b"""<?xml version="1.0"?>
 <robot name="r">

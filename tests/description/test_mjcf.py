@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 import spacerobot as sr
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description import read_description
-from spacerobot.errors import DescriptionError
 
 ARM = """
 <mujoco model="arm">

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description import Description, find_urdf, read_description, shipped_names
 from spacerobot.description import read as read_module
 from spacerobot.description.bodies import check_bodies, odd_bodies, welded_bodies
-from spacerobot.errors import DescriptionError
 
 NUMBERS = st.floats(-2, 2).map(lambda value: round(value, 3))
 TRIPLES = st.lists(NUMBERS, min_size=3, max_size=3)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from benchmarks.shipped_urdfs.__main__ import SHIPPED
 from benchmarks.shipped_urdfs.spatial import satellite_box_urdf, servicer_urdf
+from spacerobot.common.errors import DescriptionError
 from spacerobot.description import (
     PlanarBase,
     PlanarLink,
@@ -24,7 +25,6 @@ from spacerobot.description import (
     shipped_names,
 )
 from spacerobot.description.bodies import welded_bodies
-from spacerobot.errors import DescriptionError
 
 
 def planar_model(urdf: str) -> pin.Model:

@@ -12,9 +12,9 @@ import yaml
 
 import spacerobot as sr
 from spacerobot.cli.app import main
+from spacerobot.common.errors import DescriptionError, ScenarioError
 from spacerobot.description import read_description, xacro
 from spacerobot.description.xacro_expression import ExpressionError, evaluate
-from spacerobot.errors import DescriptionError, ScenarioError
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scenario.yaml_text import Loader

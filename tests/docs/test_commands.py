@@ -35,8 +35,8 @@ NOT_RUN = {
     "figures": "tests/viz/figures",
     "report": "tests/viz",
     "identify": "tests/optim/test_identification.py",
-    "orbit": "tests/test_orbit_states.py",
-    "passive-safety": "tests/test_passive_safety.py",
+    "orbit": "tests/scenario/test_orbit_states.py",
+    "passive-safety": "tests/result/test_passive_safety.py",
     "paper": "simulates all variants: tests/docs/test_docs.py",
     "run": "simulations: each scenario by tests/closedloop, tests/missions and tests/examples",
 }

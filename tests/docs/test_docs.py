@@ -131,8 +131,8 @@ def test_headings_that_a_page_links_to_exist(page):
 
 def test_the_papers_table_is_what_the_code_prints():
     """The first variant of each page's table against a fresh run."""
-    from spacerobot.paper import VARIANTS, error_bands_mm
     from spacerobot.simulation import simulate
+    from spacerobot.simulation.paper import VARIANTS, error_bands_mm
 
     variant = next(v for v in VARIANTS if v.name == "base-amnesia-R0.10")
     bands = error_bands_mm(simulate(variant.scene()).summary)

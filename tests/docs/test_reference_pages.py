@@ -88,19 +88,7 @@ def test_methods_are_listed_by_family(pages):
     assert "`spring_wrench` (with has_springs)" in rows["grasp"][0]
 
 
-INTERNAL = {
-    "spacerobot.arrays",
-    "spacerobot.files",
-    "spacerobot.interrupts",
-    "spacerobot.lazy_names",
-    "spacerobot.version",
-    "spacerobot.loop_cache",
-    "spacerobot.numeric_function",
-    "spacerobot.optional",
-    "spacerobot.progress",
-    "spacerobot.cli",
-    "optim.json_values",
-}
+INTERNAL = {"spacerobot.cli", "optim.json_values"}
 """Modules that serve the others; the command line has a page of its own."""
 
 

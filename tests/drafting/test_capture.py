@@ -9,10 +9,10 @@ import pinocchio as pin
 import pytest
 
 from optim.planning.search.make_plan import make_plan
+from spacerobot.common.errors import ScenarioError
 from spacerobot.description.find import find_urdf
 from spacerobot.drafting import DraftRequest, draft_capture, surface_point
 from spacerobot.drafting.capture import plan_costs
-from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.scene.checks import gap
 

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.drafting import DraftRequest, draft_scenario
-from spacerobot.errors import SpaceRobotError
 from spacerobot.scene import load_scene
 from spacerobot.scene.overlaps import overlaps
 from spacerobot.simulation import simulate

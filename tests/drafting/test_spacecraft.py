@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.drafting import DraftRequest, draft, draft_capture
-from spacerobot.errors import ScenarioError
 from spacerobot.scene.overlaps import overlaps
 
 ARM = "arm=panda_arm.urdf@0.6,0.1,0,0,90,0"

@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.dynamics import (
     ArticulatedBody,
     Inertias,
@@ -25,7 +26,6 @@ from spacerobot.dynamics import (
     read_joints,
     subtree,
 )
-from spacerobot.errors import DescriptionError
 from tests.oracles.random_trees import random_states
 
 TREES = settings(deadline=None, max_examples=40, derandomize=True)

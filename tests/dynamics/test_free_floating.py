@@ -5,6 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from spacerobot.common.errors import DescriptionError
 from spacerobot.dynamics import (
     FreeFloating,
     FreeFloatingRobot,
@@ -12,7 +13,6 @@ from spacerobot.dynamics import (
     forward_kinematics,
     frame_jacobian,
 )
-from spacerobot.errors import DescriptionError
 from tests.oracles.random_trees import random_inertia, random_placement
 
 WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

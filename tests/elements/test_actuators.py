@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.rollout import build_rollout
 from tests import forks
 from tests.oracles.engine import Engine
@@ -146,7 +146,7 @@ from typing import Literal
 import casadi as ca
 import spacerobot as sr
 from spacerobot.elements import Actuator, Contribution, ActuatorDrive, State
-from spacerobot.section import quantity
+from spacerobot.common.section import quantity
 
 @sr.register
 class Lag(Actuator):
@@ -226,7 +226,7 @@ from pathlib import Path
 import numpy as np
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 LINK = ('<link name="{}"><inertial><mass value="2"/>'
     '<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>')

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from tests.oracles.engine import Engine
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene

@@ -8,7 +8,7 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import random_x, small_scene
 

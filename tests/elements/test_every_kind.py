@@ -13,8 +13,8 @@ import pytest
 
 import spacerobot.elements as elements
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.grasps.point import Point
-from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import PinocchioLoop
 from tests.oracles import engine as independent
 from tests.oracles.engine.actuation import delivery_of

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 import spacerobot as sr
 from optim.planning.formulation.stage import DrivenCoordinates, Stage
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.linear import linearise
 from spacerobot.quantities import Context, find_quantity
 from spacerobot.rollout import Measures, Signals, build_rollout, final

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.linear import margins
 from spacerobot.pinocchio_engine import PinocchioLoop
 from tests.oracles import engine as independent

@@ -8,7 +8,7 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import PinocchioLoop
 from spacerobot.scene import load_scene
 from tests.oracles import engine as independent

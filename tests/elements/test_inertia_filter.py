@@ -14,7 +14,7 @@ import spacerobot as sr
 from optim.evaluation import build_quantity_rollout
 from optim.identification import momentum_regressor
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.quantities import find_quantity
 from spacerobot.rollout import build_rollout

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 import spacerobot as sr
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import Measures, Signals, final
 from tests.elements import test_attitude_filter as attitude

@@ -6,7 +6,7 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import Measures, Signals, build_rollout, final
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene

@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import Measures, Signals, build_rollout, final
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene

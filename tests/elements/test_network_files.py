@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import spacerobot as sr
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.elements.controllers.network_files import read_network
-from spacerobot.errors import ScenarioError, SpaceRobotError
 from tests.oracles.engine.neural import ACTIVATIONS
 from tests.oracles.small_scenes import PLANAR, small_scene
 

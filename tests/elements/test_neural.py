@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import spacerobot as sr
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.elements.controllers.network_files import MOST_WEIGHTS, read_network
-from spacerobot.errors import ScenarioError, SpaceRobotError
 from tests.oracles import engine as independent
 from tests.oracles.small_scenes import PLANAR, folder, random_x, small_scene
 

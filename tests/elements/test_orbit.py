@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 import spacerobot as sr
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.environments.orbit import Orbit
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene
 from tests.oracles.small_scenes import PLANAR, small_scene

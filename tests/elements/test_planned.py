@@ -10,10 +10,10 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline, KroghInterpolator
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.errors import ScenarioError
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 from spacerobot.elements import SectionContext
 from spacerobot.elements.references.knot_motion import Knots
-from spacerobot.errors import ScenarioError
 from spacerobot.result import Result
 from spacerobot.rollout.tables import fill
 from spacerobot.scene import load_scene

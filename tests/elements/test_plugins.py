@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.elements import load_plugin
-from spacerobot.errors import SpaceRobotError
 from tests import forks
 
 ROOT = Path(__file__).parents[2]

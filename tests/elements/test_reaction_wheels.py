@@ -9,8 +9,8 @@ import pytest
 
 from spacerobot import build_rollout, simulate
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
-from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate as pinocchio
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene, load_scene

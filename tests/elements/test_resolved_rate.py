@@ -9,8 +9,8 @@ import pytest
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.closedloop.stiffness import find_poles
+from spacerobot.common.errors import ScenarioError
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
-from spacerobot.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.scene import load_scene
 from tests.oracles.small_scenes import ODD_ARM, small_scene

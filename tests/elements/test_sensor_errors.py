@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import build_rollout
 from tests.elements.test_sampling import ONE, costed, difference, plate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, random_x, small_scene
 

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import build_rollout
 from spacerobot.symbolic.noise import NoiseTable

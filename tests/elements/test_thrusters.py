@@ -10,7 +10,7 @@ from scipy.optimize import linprog, lsq_linear
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate as pinocchio_simulate
 from tests.oracles.engine import simulate as second
 from tests.oracles.hybrid import roll

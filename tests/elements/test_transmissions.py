@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.linear import linearise
 from spacerobot.pinocchio_engine import simulate as checked_by
 from spacerobot.rollout import Measures, Signals, build_rollout, final

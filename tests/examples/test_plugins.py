@@ -10,8 +10,8 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.cli.app import command_line, plugins_first
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.drafting.plugins import TEMPLATES, plugin_command, plugin_template
-from spacerobot.errors import SpaceRobotError
 from tests import forks
 
 ROOT = Path(__file__).parents[2]

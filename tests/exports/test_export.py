@@ -8,10 +8,10 @@ from scipy.io import loadmat
 
 import spacerobot as sr
 from spacerobot.cli import app
-from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.common.errors import ResultError, SpaceRobotError
+from spacerobot.common.registry import EXPORT_FORMATS
 from spacerobot.exports.export import export, format_of
 from spacerobot.exports.signals import signals
-from spacerobot.registry import EXPORT_FORMATS
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import spacerobot as sr
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.exports.ros2_definitions import DEFINITIONS, definition_text
 
 for package in ("mcap", "mcap_protobuf", "mcap_ros2", "foxglove_schemas_protobuf"):

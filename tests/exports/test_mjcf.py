@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import spacerobot as sr
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.exports.formats.mjcf import scene_mjcf
 from spacerobot.exports.mjcf_bodies import coordinates, mjcf
 

@@ -5,11 +5,11 @@ import shutil
 import pytest
 
 import spacerobot as sr
+from spacerobot.closedloop.loop_cache import cached_closed_loop
 from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
 from spacerobot.flightcode.extract import onboard_software
 from spacerobot.flightcode.flyable import prepared_scene
 from spacerobot.flightcode.package import c_compiler, write_package
-from spacerobot.loop_cache import cached_closed_loop
 
 STEPS = 200
 

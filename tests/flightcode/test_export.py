@@ -11,7 +11,7 @@ import yaml
 
 import spacerobot as sr
 from spacerobot.cli import app
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.flightcode.c_functions import count_operations
 from spacerobot.flightcode.c_text import identifier
 from spacerobot.flightcode.evaluation import evaluate_rows, library_bounds

@@ -12,7 +12,7 @@ import pytest
 import spacerobot as sr
 from optim.planning.mpc.updates import MpcUpdates
 from spacerobot.cli import app
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.flightcode.package import FLAGS
 
 SMALL = "examples/as-flown.yaml"

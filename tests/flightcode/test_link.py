@@ -9,7 +9,7 @@ import tty
 import pytest
 
 import spacerobot as sr
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.flightcode import controller_link
 from spacerobot.flightcode.c_source import interface_signature
 from spacerobot.flightcode.controller_link import ControllerLink, checksum, open_stream

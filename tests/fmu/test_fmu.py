@@ -10,7 +10,7 @@ import pytest
 
 from spacerobot.cli import app
 from spacerobot.closedloop import build_commanded_loop
-from spacerobot.errors import CompileError, ScenarioError, SpaceRobotError
+from spacerobot.common.errors import CompileError, ScenarioError, SpaceRobotError
 from spacerobot.fmu import build_fmu
 from spacerobot.fmu.names import keys_at, structured
 from spacerobot.fmu.ports import find_ports

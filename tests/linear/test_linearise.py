@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.linear import linearise, margins
 from spacerobot.linear.instants import instants
 from spacerobot.linear.linearisation import Lineariser

@@ -7,7 +7,7 @@ from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.problem.objectives import OBJECTIVE, build_terms, extended_loop
 from optim.problem.quantity_measures import with_added_states
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.quantities import find_quantity
 from spacerobot.rollout import build_rollout
 from spacerobot.scenario import Constraints, Objective

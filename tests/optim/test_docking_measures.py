@@ -6,7 +6,7 @@ import pytest
 from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.problem.objectives import build_terms
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.quantities import metrics
 from spacerobot.scenario import Constraints, Objective
 from tests.oracles.free_bodies import FLAT, free_bodies

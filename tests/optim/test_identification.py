@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 
 import spacerobot as sr
 from optim.identification import consistent, momentum_regressor
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.dynamics.inertial_parameters import is_realisable
-from spacerobot.errors import SpaceRobotError
 from tests.oracles import one_arm
 
 

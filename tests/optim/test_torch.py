@@ -9,7 +9,7 @@ import pytest
 
 import spacerobot as sr
 from optim.evaluation import build_quantity_rollout, find_quantities, parameter_paths
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 QUANTITIES = ["tip_error_rms", "base_rotation_rms"]

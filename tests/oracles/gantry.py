@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from scipy.linalg import expm
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scenario.load import validate
 from spacerobot.scene import Scene, build_scene
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.numeric_function import NumericFunction
+from spacerobot.compiled.numeric_function import NumericFunction
 
 
 @dataclass(frozen=True)

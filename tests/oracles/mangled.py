@@ -1,7 +1,7 @@
 """Mangled scenarios: every shipped scenario and example with values, tags and nesting that do not belong.
 
 ``python -m tests.oracles.mangled --cases 10000 --seed 1`` tries so many and reports each that ends in
-anything but a scene or one line of :class:`~spacerobot.errors.SpaceRobotError`, or takes more than 15 s of
+anything but a scene or one line of :class:`~spacerobot.SpaceRobotError`, or takes more than 15 s of
 processor time; with ``--rollouts`` small scenes, which are simulated too.
 """
 
@@ -30,7 +30,7 @@ from optim.planning.studies.design_study import design_variables
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.variables import variables_of
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import DivergedError, SpaceRobotError
+from spacerobot.common.errors import DivergedError, SpaceRobotError
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import build_scene

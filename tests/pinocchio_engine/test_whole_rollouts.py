@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.pinocchio_engine import PinocchioLoop, simulate
 from spacerobot.rollout import build_rollout
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene

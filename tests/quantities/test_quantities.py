@@ -8,9 +8,8 @@ import spacerobot as sr
 from optim import evaluation
 from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.evaluation import BatchResult, GradientResult, batch, gradient
-from spacerobot import loop_cache
-from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
+from spacerobot.closedloop import build_closed_loop, loop_cache
+from spacerobot.common.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.quantities import (
     Context,
     PlanBound,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.common.errors import ResultError, SpaceRobotError
 from spacerobot.result import Result
 from spacerobot.result.completeness import DIMENSIONS
 from spacerobot.scene import load_scene

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from spacerobot.errors import ResultError
-from spacerobot.files import locked, staged, write_text
-from spacerobot.interrupts import uninterrupted
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import locked, staged, write_text
+from spacerobot.common.interrupts import uninterrupted
 
 ROOT = Path(__file__).parents[2]
 
@@ -73,7 +73,7 @@ def test_a_file_system_that_is_full_is_told_by_name(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("shared", "waits"), [(False, True), (True, False)])
 def test_a_locked_folder_is_waited_for_by_other_processes(tmp_path, shared, waits):
     code = (
-        "import sys; from pathlib import Path; from spacerobot.files import locked\n"
+        "import sys; from pathlib import Path; from spacerobot.common.files import locked\n"
         f"with locked(Path(sys.argv[1]), shared={shared}): print('in')"
     )
     with locked(tmp_path, shared=True):
@@ -91,7 +91,7 @@ def test_a_locked_folder_is_waited_for_by_other_processes(tmp_path, shared, wait
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from spacerobot.files import staged
+from spacerobot.common.files import staged
 with staged(Path(sys.argv[1])) as stage:
     (stage / "page.html").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
@@ -137,7 +137,7 @@ def test_a_device_takes_the_bytes_and_stays(tmp_path):
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="no such names of open files there")
 def test_standard_output_goes_on_where_it_is(tmp_path):
     code = (
-        "from pathlib import Path; from spacerobot.files import write_text\n"
+        "from pathlib import Path; from spacerobot.common.files import write_text\n"
         "print('before', flush=True); write_text(Path('/dev/stdout'), 'page\\n'); print('after')"
     )
     with (tmp_path / "out").open("w") as out:

@@ -7,7 +7,7 @@ import pytest
 
 from optim import build_problem
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.result.table import headline
 from spacerobot.rollout import Measures, Signals, build_rollout, integral
 from spacerobot.scene import load_scene

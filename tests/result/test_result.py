@@ -17,7 +17,7 @@ import xarray as xr
 
 from spacerobot.cli.app import main
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from spacerobot.result import Result, Summary, check_folder, note_derived
 from spacerobot.result.ledger import build_ledger
 from spacerobot.result.metrics import _turned, body_motion, greatest_torque, tip_errors

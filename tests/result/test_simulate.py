@@ -8,7 +8,7 @@ import pytest
 
 from spacerobot.cli.app import main
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import DivergedError, ScenarioError
+from spacerobot.common.errors import DivergedError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.scene.memory import numbers_each
 from spacerobot.simulation import simulate, simulate_designs
@@ -49,7 +49,7 @@ def test_a_start_beyond_all_numbers_is_refused_in_one_line(path):
 
 @pytest.mark.parametrize("worst", [float("nan"), float("inf"), 1e200])
 def test_what_lies_before_a_number_that_is_none_is_kept(worst, monkeypatch):
-    import spacerobot.simulation as job
+    import spacerobot.simulation.run as job
 
     run = job.Rollout.run
 

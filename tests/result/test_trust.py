@@ -6,7 +6,7 @@ import re
 import pytest
 
 from spacerobot.cli.commands.run import fail_if_diverged
-from spacerobot.errors import DivergedError
+from spacerobot.common.errors import DivergedError
 from spacerobot.result import Result
 from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MOST_RESIDUAL, judge, warning
 from spacerobot.scene import load_scene

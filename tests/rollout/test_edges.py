@@ -11,7 +11,7 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.closedloop.closed_loop import OutputVariable
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
 from tests.oracles.small_scenes import PLANAR, small_scene
 from tests.rollout.hybrid_loops import Hybrid, Rule

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from spacerobot.errors import DivergedError
+from spacerobot.common.errors import DivergedError
 from spacerobot.rollout import build_rollout, choose_step, step_choice
 from spacerobot.rollout.methods import METHODS
 from tests.rollout.hybrid_loops import Hybrid, Rule, bouncing_ball, dwell, latch, spring_wall, two_balls

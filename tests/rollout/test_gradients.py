@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.rollout import Measures, Signals, build_rollout, final, integral, peak
 
 WRT = ("arm.kp", "arm.kd", "arm.inertia", "arm.start", "rotor.spin", "rotor.offset", "reference.turn")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from spacerobot.errors import SpaceRobotError
-from spacerobot.numeric_function import NumericFunction
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.compiled.numeric_function import NumericFunction
 from spacerobot.rollout import build_rollout, time_grid
 from spacerobot.rollout.methods import METHODS
 

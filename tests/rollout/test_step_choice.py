@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from spacerobot.errors import DivergedError
+from spacerobot.common.errors import DivergedError
 from spacerobot.rollout import build_rollout, choose_step, step_choice
 
 GRID = {"duration_s": 2.0, "output_step_s": 0.1}

@@ -10,9 +10,9 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.errors import CompileError
 from spacerobot.compiled import find_toolchain
 from spacerobot.compiled.toolchain import SUFFIX
-from spacerobot.errors import CompileError
 from spacerobot.rollout import Measures, Signals, build_rollout, integral, virtual_machine
 from spacerobot.rollout.virtual_machine import Program
 from tests.contacts.test_passing_through import flight

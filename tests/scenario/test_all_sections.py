@@ -6,7 +6,7 @@ import copy
 
 import pytest
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import validate
 from tests.oracles.mangled import SOURCES, Case, cases, filled, judged

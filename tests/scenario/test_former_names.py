@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from spacerobot.errors import FORMER_NAMES, ScenarioError
+from spacerobot.common.errors import FORMER_NAMES, ScenarioError
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.paths import assign
 from spacerobot.scene import load_scene

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import leaves
 from spacerobot.scenario.paths import assign, expand, get
-from spacerobot.section import leaves
 
 DOCUMENT = {
     "robots": {

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import RECURS, Section
 from spacerobot.scenario.catalogue import find_scenario
 from spacerobot.scenario.document import read_document
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.paths import assign, get
 from spacerobot.scenario.recurrences import recurring
-from spacerobot.section import RECURS, Section
 
 NAMES = (
     "docking-as-flown",

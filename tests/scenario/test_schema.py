@@ -7,19 +7,19 @@ import re
 import pytest
 import yaml
 
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import leaves
 from spacerobot.elements.goals.goal import FLAT
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.elements.grasps.weld import Weld
 from spacerobot.elements.references.circle import Circle
 from spacerobot.elements.references.hold import Hold
 from spacerobot.elements.references.spline import Spline
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.catalogue import shipped
 from spacerobot.scenario.document import parse_yaml, read_document
 from spacerobot.scenario.load import json_schema, to_document, to_yaml, validate
 from spacerobot.scenario.plan import PlanSection
-from spacerobot.section import leaves
 from tests.oracles.small_scenes import PLANAR, SPATIAL
 
 ONE = "robots.one.tips.tip"

@@ -2,10 +2,10 @@
 
 import pytest
 
+from spacerobot.common.section import leaves
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.units import unit_at
 from spacerobot.scene import load_scene
-from spacerobot.section import leaves
 
 
 @pytest.fixture(scope="module")

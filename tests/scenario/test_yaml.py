@@ -6,7 +6,7 @@ import tracemalloc
 
 import pytest
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario.catalogue import find_scenario, shipped
 from spacerobot.scenario.document import MAX_BYTES, parse_yaml, read_document
 from spacerobot.scenario.load import to_yaml, validate

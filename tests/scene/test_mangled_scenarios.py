@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_document, to_yaml, validate
 from spacerobot.scene import Scene, build_scene

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.description.find import find_urdf
-from spacerobot.errors import ScenarioError
 from spacerobot.scene import build_scene, load_scene
 from spacerobot.simulation import simulate
 

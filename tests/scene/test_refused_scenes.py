@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import checks, load_scene
 from tests.oracles.small_scenes import ODD_ARM, PLANAR, SPATIAL, folder, small_scene
 

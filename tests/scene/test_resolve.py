@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_document, to_yaml, validate
 from spacerobot.scenario.paths import get

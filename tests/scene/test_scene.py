@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 from tests.oracles.small_scenes import ODD_ARM, PLANAR, SPATIAL, folder, small_scene
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import FLAT, free_bodies

@@ -17,7 +17,7 @@ from optim.planning.search.make_plan import make_plan
 from spacerobot import simulation
 from spacerobot.api.pictures import playback
 from spacerobot.cli.app import app
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from spacerobot.result import Result
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from viz import record
 from viz.browser import program as browser_program
 from viz.film import page_pictures

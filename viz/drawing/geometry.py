@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description import Geometry
 from viz.drawing.meshes import TriangleMesh, load_mesh, mesh_file
 

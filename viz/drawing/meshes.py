@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description import Geometry
 from spacerobot.description.meshes import read_mesh
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description import Geometry
 from spacerobot.dynamics.joints import JointModel, read_joints
 from spacerobot.result import Result

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics.joints import JointKind, JointModel
 from spacerobot.scene import Scene
 

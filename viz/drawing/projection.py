@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.image import AxesImage
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from viz.drawing.geometry import faces, is_round, silhouette, surface
 from viz.drawing.meshes import Indices, mesh_file, shown_meshes
 from viz.drawing.motion import BodyMotion, Node

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 Picture = NDArray[np.float32]
 Indices = NDArray[np.int64]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.drawing.geometry import corners

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.patches import Ellipse, Rectangle
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.grasps.capture import Capture
 from spacerobot.result import Result
 from spacerobot.result.events import relative_velocity

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spacerobot.tables import unit_scale
+from spacerobot.common.tables import unit_scale
 from viz.figures.campaign import BAD
 from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
 
 DECADES = 1.5  # of values, from which on they stand on a logarithmic axis

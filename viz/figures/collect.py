@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from spacerobot.errors import ResultError, near_names
-from spacerobot.files import StrPath
-from spacerobot.registry import FIGURES
+from spacerobot.common.errors import ResultError, near_names
+from spacerobot.common.files import StrPath
+from spacerobot.common.registry import FIGURES
 from spacerobot.result import Result, note_derived
 from viz.figures.kind import FigureKind
 from viz.figures.style import Drawing, drawn_for, write_drawings

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.files import write_bytes
+from spacerobot.common.files import write_bytes
 from viz.figures import Drawing, robustness, sensitivities, to_bytes
 from viz.figures.tuning import convergence, data_profiles, running_times
 

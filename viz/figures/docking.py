@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
 from viz.drawing.motion import BodyMotion, Rows, bounds, extremes, pick_rows, sample_motion
 from viz.drawing.projection import draw_ghosts, draw_nodes, fit

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from spacerobot.common.tables import unit_scale
 from spacerobot.result import Result
-from spacerobot.tables import unit_scale
 from viz.figures.kind import figure
 from viz.figures.style import (
     Drawing,

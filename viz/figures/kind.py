@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from spacerobot.registry import FIGURES
+from spacerobot.common.registry import FIGURES
 from spacerobot.result import Result
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
 from spacerobot.result.ledger import SMALLEST, kept_momentum, work_text, works_of
 from viz.figures.kind import figure

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.linear import LinearSystem, LoopMargins, MarginAnalysis, loop_response
 from viz.figures.style import Drawing, legend_above, line, panels, styled, write_drawings
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spacerobot.tables import unit_scale
+from spacerobot.common.tables import unit_scale
 from viz.figures.style import COLOURS, Drawing, legend_over, panels, styled
 
 

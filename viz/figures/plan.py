@@ -12,10 +12,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from scipy.spatial.transform import Rotation
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError
+from spacerobot.common.tables import unit_scale
 from spacerobot.result import Result
-from spacerobot.tables import unit_scale
 from viz.figures.phases import shade
 from viz.figures.style import (
     COLOURS,

@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from spacerobot.errors import ResultError, near_names
-from spacerobot.files import write_bytes
+from spacerobot.common.errors import ResultError, near_names
+from spacerobot.common.files import write_bytes
 from spacerobot.result import Result
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.ticker import NullFormatter
 
-from spacerobot.arrays import Array
-from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, is_of_the_paper
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
+from spacerobot.simulation.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, is_of_the_paper
 from viz.figures.kind import figure
 from viz.figures.labels import labels_of
 from viz.figures.phases import mark_phases

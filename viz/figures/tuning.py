@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 from numpy.typing import ArrayLike
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
 
 FLOOR = 1e-5  # gap at which a run counts as having met the best known value

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
 from viz.figures.kind import figure
 from viz.figures.style import Drawing, below_last, legend_above, line, panels, shown_axes, styled, until

@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result, Summary
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.summary import unled_tips

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from viz.drawing.motion import BodyMotion

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
 from viz.drawing.motion import Rows
 from viz.page.meshcat_scene import packed

@@ -17,7 +17,7 @@ import re
 from collections.abc import Callable
 from posixpath import dirname, join, normpath
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 IMPORT = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";\n', re.M)
 DECLARED = re.compile(r"^export (?=(?:async function|function|class|const)\s+(?:\{ )?([\w$]+))", re.M)

@@ -14,7 +14,7 @@ import tornado.netutil
 import tornado.web
 import tornado.websocket
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 ADDRESS = "127.0.0.1"
 """Only address that the server listens on: this computer's loopback address."""

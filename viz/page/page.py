@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from spacerobot.errors import SpaceRobotError
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath, write_text
 from spacerobot.result import Result, note_derived
 from viz.page.animation import animation
 from viz.page.es_modules import joined

@@ -9,7 +9,7 @@ import pinocchio as pin
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs

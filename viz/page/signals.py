@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.result import Result
 from spacerobot.result.ledger import work_text, works_of
 from viz.drawing.motion import Rows, pick_rows

@@ -16,10 +16,10 @@ from optim.campaign import (
     simulate_sample,
     summary_data,
 )
-from spacerobot.errors import ResultError, SpaceRobotError
+from spacerobot.common.errors import ResultError, SpaceRobotError
+from spacerobot.common.tables import unit_scale
 from spacerobot.quantities import metrics
 from spacerobot.result import Result
-from spacerobot.tables import unit_scale
 from viz.page.animation import still
 from viz.page.campaign_spread import CampaignSpread
 from viz.page.meshcat_scene import packed

@@ -23,9 +23,9 @@ from optim.campaign.analysis.sentences import (
     with_gains,
 )
 from optim.campaign.analysis.tables import failure_table, pair_table, percentile_table
+from spacerobot.common.tables import escape, unit_scale
 from spacerobot.quantities import find_quantity, metrics
 from spacerobot.result import Result
-from spacerobot.tables import escape, unit_scale
 from viz.figures import (
     SampleSpread,
     bands,

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from optim.comparison import tables
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
+from spacerobot.common.tables import escape
 from spacerobot.result import Result
 from spacerobot.result.store import DATA
-from spacerobot.tables import escape
 from viz.figures.comparison import PROFILES
 from viz.report.report import SECTIONS, ReportSection, page, report
 from viz.report.sections import picture

@@ -16,9 +16,9 @@ from optim.planning.output.plan_tables import (
     solver_table,
     violation_table,
 )
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.tables import escape, unit_scale
 from spacerobot.result import Result
-from spacerobot.tables import escape, unit_scale
 from viz.figures import to_bytes
 from viz.figures.plan import ACTIVE, plan_figures
 from viz.page.page import page as animated

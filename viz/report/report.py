@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.tables import escape
 from spacerobot.result import Result, note_derived
 from spacerobot.result.store import SUMMARY
-from spacerobot.tables import escape
 from viz.figures.collect import check_comparable
 from viz.page.page import fill, policy
 from viz.report import sections as parts
@@ -28,7 +28,7 @@ class ReportSection:
         name: Name of its anchor.
         title: Its heading.
         body: Function that returns its HTML, or None where it does not apply. Texts from files must be
-            escaped, as :func:`spacerobot.tables.escape` does.
+            escaped, as :func:`spacerobot.common.tables.escape` does.
     """
 
     name: str

@@ -10,12 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.paper import AXES, FIGURE_7_MM, FIGURE_10_MM, PID_ONLY_MM, error_bands_mm, is_of_the_paper
+from spacerobot.common.tables import Table, escape
 from spacerobot.result import Result
 from spacerobot.result.events import event_table
 from spacerobot.result.table import engine_text, status_text
 from spacerobot.scenario.load import to_document, to_yaml
-from spacerobot.tables import Table, escape
+from spacerobot.simulation.paper import (
+    AXES,
+    FIGURE_7_MM,
+    FIGURE_10_MM,
+    PID_ONLY_MM,
+    error_bands_mm,
+    is_of_the_paper,
+)
 from viz.figures import draw_all, figure_kinds, to_bytes
 from viz.figures.labels import differences, labels_of
 from viz.figures.storyboard import has_instants

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from optim.evaluation import BatchResult
+from spacerobot.common.tables import Tabular, content_html, escape
 from spacerobot.linear import SavedMargins
-from spacerobot.tables import Tabular, content_html, escape
 from viz.figures import to_bytes
 from viz.figures.style import Drawing, line, panels, styled
 from viz.report.report import ReportSection, page

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from optim.tuning import FILE, TuningResult
-from spacerobot.tables import content_html, escape
+from spacerobot.common.tables import content_html, escape
 from viz.report.sections import Subject
 
 

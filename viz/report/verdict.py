@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from spacerobot.common.tables import unit_scale
 from spacerobot.linear import SavedMargins
 from spacerobot.result import Result
 from spacerobot.result.table import status_text
-from spacerobot.tables import unit_scale
 
 
 def margins_verdict(margins: SavedMargins) -> list[str]:

@@ -11,14 +11,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from spacerobot.common.errors import ResultError, ScenarioError, SpaceRobotError
+from spacerobot.common.files import write_text
+from spacerobot.common.section import leaves
 from spacerobot.elements.core.registry import plugin_options
-from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
-from spacerobot.files import write_text
 from spacerobot.result import Result
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_document, to_yaml, validate
 from spacerobot.scene import build_scene
-from spacerobot.section import leaves
 from spacerobot.simulation import simulate
 from viz.page.page import write_animation
 from viz.page.signals import quantities

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from optim.campaign.sampling.samplers import draw
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.validation_errors import explain
 from viz.page.campaign_spread import CampaignSpread

@@ -10,12 +10,12 @@ from typing import Any
 
 from optim.planning.output.plan_folder import FOLLOWED, SUMMARY, write
 from optim.planning.search.make_plan import make_plan
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.files import write_text
 from spacerobot.description.find import shipped_names, shipped_urdf_folder
 from spacerobot.description.read import read_description
 from spacerobot.drafting import DraftRequest, draft_capture, surface_point
 from spacerobot.drafting.arms import ends
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.files import write_text
 from spacerobot.result.store import check_folder
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import validate

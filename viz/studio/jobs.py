@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from viz.studio.campaign import cloud
 from viz.studio.job import Job, Send
 from viz.studio.margins import loop_margins_job

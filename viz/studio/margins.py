@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import is_number
 from spacerobot.linear import margins
 from spacerobot.linear.loop_margins import UNITS
-from spacerobot.section import is_number
 from viz.studio.job import Job, StoppedError
 from viz.studio.prepared_design import DesignCache, PreparedDesign
 

@@ -37,7 +37,7 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 MOST_BYTES = 256 * 1024
 """Maximum size of a message from the page [bytes]."""

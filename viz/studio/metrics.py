@@ -11,7 +11,7 @@ import numpy as np
 from optim.campaign.rollouts.metrics import build_campaign_metrics
 from optim.problem.objectives import ReducedObjective
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.quantities import default_metrics, find_quantity
 from spacerobot.rollout import Measure, Measures, Signals
 from spacerobot.scene import Scene

@@ -12,15 +12,15 @@ import annotated_types
 import numpy as np
 from pydantic.fields import FieldInfo
 
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.section import Section, is_number, leaves
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.registry import kinds
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand
 from spacerobot.scenario.units import unit_at
 from spacerobot.scene import Scene
-from spacerobot.section import Section, is_number, leaves
 from viz.studio.messages import LARGEST
 
 Value = float | int | bool | str | None

@@ -17,15 +17,15 @@ import numpy as np
 
 from optim.problem.varied_parameters import PLACES
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.closedloop.loop_cache import cached_closed_loop
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import is_number, leaves, numbers
 from spacerobot.elements.core.registry import FAMILIES, kinds
-from spacerobot.errors import ScenarioError
-from spacerobot.loop_cache import cached_closed_loop
 from spacerobot.result import Result
 from spacerobot.rollout import Trajectory
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene, load_scene
-from spacerobot.section import is_number, leaves, numbers
 from spacerobot.simulation import PreparedSimulation, prepare_simulation
 from viz.drawing.motion import SceneGeometry
 from viz.page.animation import AnimatedResult, look_at

@@ -17,11 +17,11 @@ from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.problem.varied_parameters import LARGE_RATIO
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.registry import TUNING_METHODS
+from spacerobot.common.section import is_number
 from spacerobot.scene import build_scene
-from spacerobot.section import is_number
 from viz.studio.job import Job, StoppedError
 from viz.studio.messages import Request
 from viz.studio.metric_slopes import differences

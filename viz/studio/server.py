@@ -11,7 +11,7 @@ from typing import Any
 
 import tornado.web
 
-from spacerobot.files import StrPath
+from spacerobot.common.files import StrPath
 from spacerobot.scene import Scene, to_scene
 from viz.page.animation import still
 from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback, Stream

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.rollout.engine_factory import ADJOINT
 from spacerobot.scene import load_scene
 from spacerobot.simulation import STEP_ERROR_LIMIT

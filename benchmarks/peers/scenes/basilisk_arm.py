@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.peers.basilisk import Built, basilisk_side, driven
 from benchmarks.peers.compare import Outcome, PeerScene, Side, compare, our_side
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.exports.mjcf_bodies import coordinates, mjcf, motors
 from spacerobot.scene import Scene, load_scene
 

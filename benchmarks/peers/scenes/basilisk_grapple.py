@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from benchmarks.peers.basilisk import hub_state
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare, our_side
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import load_plugin
 from spacerobot.scene import Scene, load_scene
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.peers.basilisk import Built, basilisk_side, driven, hub_state, our_hub, rigid_hub, spacecraft
 from benchmarks.peers.compare import Outcome, PeerScene, compare
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 DURATION, TOLERANCE = 300.0, 1e-7
 TORQUE = (0.03, -0.02, 0.025)

@@ -13,7 +13,7 @@ from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.initial_guess import initial_guess
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.exports.mjcf_bodies import coordinates, mjcf, motors
 from spacerobot.scene import Scene, load_scene
 

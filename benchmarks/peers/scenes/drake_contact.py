@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
 from benchmarks.peers.scenes.mujoco_plant import our_plant
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.exports.mjcf_bodies import coordinates, mjcf
 from spacerobot.scene import Scene, load_scene
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare, our_side
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.exports.mjcf_bodies import coordinates, mjcf
 from spacerobot.scene import Scene, load_scene
 

@@ -23,8 +23,8 @@ from benchmarks.peers.scenes.mujoco_capture_arm import (
     actuators,
     capture_arm,
 )
-from spacerobot.arrays import Array
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.arrays import Array
 from spacerobot.exports.mjcf_bodies import coordinates
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.scene import Scene

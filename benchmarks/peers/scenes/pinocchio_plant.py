@@ -10,7 +10,7 @@ import pinocchio as pin
 from benchmarks.peers.compare import Job, Outcome, PeerScene, Side, compare
 from benchmarks.peers.scenes.mujoco_plant import DURATION, TITLE, TOLERANCE, our_plant, passive
 from benchmarks.plain_loop import configuration_rate
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.exports.mjcf_bodies import coordinates
 from spacerobot.scene import Scene
 

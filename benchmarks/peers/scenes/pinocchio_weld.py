@@ -8,7 +8,7 @@ from benchmarks.peers.compare import Outcome, PeerScene, compare
 from benchmarks.peers.scenes.mujoco_plant import our_plant
 from benchmarks.peers.scenes.mujoco_weld import DURATION, TITLE, TORQUES, held
 from benchmarks.peers.scenes.pinocchio_plant import python_loop
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 TOLERANCE = 1e-7
 

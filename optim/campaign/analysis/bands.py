@@ -10,9 +10,9 @@ import numpy as np
 
 from optim.campaign.rollouts.series import BYTES_EACH
 from optim.campaign.store.netcdf import DATA
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError, near_names
+from spacerobot.common.files import StrPath
 
 AT_ONCE_BYTES = 128_000_000  # read at once
 PERCENT = (0.0, 5.0, 50.0, 95.0, 100.0)

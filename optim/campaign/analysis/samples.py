@@ -12,7 +12,7 @@ import numpy as np
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.store.run_settings import Changes
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.core.registry import plugin_options
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_document

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optim.campaign.analysis.statistics import rank_correlations, rank_noise, sobol_indices
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scenario import Campaign
 
 WORTH_TELLING = 0.3  # size of a correlation between parameters from which their effects mix

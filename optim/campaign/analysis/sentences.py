@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from spacerobot.common.tables import unit_scale
 from spacerobot.quantities import limited, quantities
-from spacerobot.tables import unit_scale
 
 HOW = {
     "rises": "grows with {}",

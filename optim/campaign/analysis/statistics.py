@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from spacerobot.arrays import Array
-from spacerobot.optional import optional_module
+from spacerobot.common.arrays import Array
+from spacerobot.common.optional import optional_module
 
 
 @dataclass(frozen=True)

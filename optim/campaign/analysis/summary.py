@@ -22,9 +22,9 @@ from optim.campaign.sampling.parameter_space import sensor_offsets, units_of
 from optim.campaign.store.folder import load_head
 from optim.campaign.store.netcdf import load_campaign
 from optim.campaign.store.run_settings import ScenarioSource, named_in
-from spacerobot.arrays import Array
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath, write_text
 from spacerobot.quantities import find_quantity
 from spacerobot.rollout import unclosed
 from spacerobot.scenario import Campaign

@@ -16,8 +16,8 @@ from optim.campaign.analysis.sentences import (
     stepping,
     why_worst,
 )
+from spacerobot.common.tables import Content, Table, unit_scale
 from spacerobot.quantities import limited
-from spacerobot.tables import Content, Table, unit_scale
 
 MARKS = {
     "": ("+", "success"),

@@ -27,9 +27,9 @@ from optim.campaign.sampling.parameter_space import (
 from optim.campaign.sampling.samplers import draw
 from optim.problem.quantity_measures import with_added_states
 from optim.problem.scene_recipe import BuildRecipe, SceneRecipe
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
-from spacerobot.loop_cache import cached_closed_loop
+from spacerobot.closedloop.loop_cache import cached_closed_loop
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
 from spacerobot.quantities import default_metrics, find_quantity
 from spacerobot.rollout import Rollout, build_rollout, time_grid
 from spacerobot.rollout.build import Options

@@ -9,7 +9,7 @@ from typing import Any
 
 from optim.campaign.rollouts.evaluator import NOMINAL, Gains
 from optim.campaign.sampling.parameter_space import campaign_of
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.result.store import SCENARIO
 from spacerobot.scenario import Scenario
 from spacerobot.scenario.document import read_document

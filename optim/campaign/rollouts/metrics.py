@@ -20,8 +20,8 @@ from optim.campaign.rollouts.trust import (
     residual_of,
 )
 from optim.problem.quantity_measures import context_of, measures_of, table_values
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.quantities import quantities
 from spacerobot.quantities.capture import captures
 from spacerobot.rollout import ClosedLoopFunctions, Measure, Measures, final

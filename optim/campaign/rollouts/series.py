@@ -6,9 +6,9 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.quantities.joint_torque import torque_unit
 from spacerobot.scenario import Campaign
 from spacerobot.scene import Scene

@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.result.trust import (
     LEAST_ENERGY,
     LEAST_MOMENTUM,

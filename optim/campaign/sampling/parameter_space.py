@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from optim.problem.scenario_numbers import find_numbers
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.paths import assign

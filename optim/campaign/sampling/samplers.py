@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 from scipy.special import ndtr, ndtri
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scenario import Campaign, UncertainParameter
 
 INSIDE = 2.0**-53  # nearest that a coordinate may come to 0 or 1: distributions without bounds end there

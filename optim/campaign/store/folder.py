@@ -21,11 +21,11 @@ import numpy as np
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
 from optim.campaign.store.netcdf import DATA, FORMAT, is_complete, write_tables
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import write_bytes, write_text
+from spacerobot.common.interrupts import uninterrupted
+from spacerobot.common.section import leaves
 from spacerobot.elements.core.registry import plugin_records
-from spacerobot.errors import ResultError
-from spacerobot.files import write_bytes, write_text
-from spacerobot.interrupts import uninterrupted
-from spacerobot.section import leaves
 
 Interval = tuple[int, int]
 """Interval of samples: the first, and the one after the last."""

@@ -8,8 +8,8 @@ from optim.campaign.rollouts.evaluator import CampaignEvaluator, all_draws, buil
 from optim.campaign.store.folder import HEAD, difference, load_head, open_store
 from optim.campaign.store.netcdf import DATA, check_layout, is_complete
 from optim.campaign.store.run_settings import named_in
-from spacerobot.errors import ResultError, SpaceRobotError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ResultError, SpaceRobotError
+from spacerobot.common.files import StrPath
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene
 from spacerobot.scene.resolve import read_descriptions

@@ -12,8 +12,8 @@ import xarray as xr
 
 from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable
 from optim.campaign.rollouts.series import BYTES_EACH, SignalRecording
-from spacerobot.errors import ResultError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ResultError, near_names
+from spacerobot.common.files import StrPath
 
 FORMAT = 2
 DATA = "campaign.nc"

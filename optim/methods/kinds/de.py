@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 from optim.methods.evolutionary import EvolutionaryMethod
 from optim.methods.settings import EvolutionSettings
-from spacerobot.arrays import Array
-from spacerobot.registry import registered
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import registered
 
 
 @registered

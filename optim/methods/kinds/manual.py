@@ -9,8 +9,8 @@ from optim.methods.manual import manual
 from optim.methods.tuning_method import MethodRequest, TuningMethod
 from optim.problem.tuning_problem import TuningProblem
 from optim.search.search import SearchRun
-from spacerobot.errors import SpaceRobotError
-from spacerobot.registry import registered
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.registry import registered
 
 
 @registered

@@ -8,7 +8,7 @@ from typing import ClassVar
 from optim.methods.nlp import solve
 from optim.methods.tuning_method import MethodRequest, TuningMethod
 from optim.search.search import SearchRun
-from spacerobot.registry import registered
+from spacerobot.common.registry import registered
 
 
 @registered

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from optim.methods.evolutionary import PointSearch
-from spacerobot.arrays import Array
-from spacerobot.registry import registered
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import registered
 
 
 @registered

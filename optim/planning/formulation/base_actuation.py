@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.planning.formulation.reaction_wheels import only_wheels
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.limits.plan_limit import PlanLimit, WrenchPart
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.plan import PlanSection

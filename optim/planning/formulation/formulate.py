@@ -21,9 +21,9 @@ from optim.planning.formulation.path_constraints import (
     path_rows,
 )
 from optim.planning.formulation.stage import PlanningProblem, Stage
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.grasps.grasp import Grasp
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.document import NO_PLAN
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene

@@ -8,7 +8,7 @@ import numpy as np
 from optim.planning.formulation.instant_view import find_robot, joints_named
 from optim.planning.formulation.path_constraints import urdf_joint
 from optim.planning.formulation.stage import Stage
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scenario.plan import PlanSection
 

@@ -12,6 +12,8 @@ import pinocchio as pin
 
 from optim.planning.formulation.reaction_wheels import WheelDrivenBase, wheel_driven_bases
 from optim.planning.formulation.stage import Stage, spring_forces
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.section import matching
 from spacerobot.dynamics import (
     Inertias,
     centre_of_mass,
@@ -26,11 +28,9 @@ from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.goals.plan_instant import JointCoordinate, MovingFrame
 from spacerobot.elements.shapes.collision_shape import Wrap
-from spacerobot.errors import ScenarioError, near_names
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import find_pairs
 from spacerobot.scene.scene import SceneBody, SceneShape
-from spacerobot.section import matching
 from spacerobot.shapes import Implicit, MovingShape, Shape, approach_speed, held_gap
 
 T = TypeVar("T")

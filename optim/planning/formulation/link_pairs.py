@@ -26,10 +26,10 @@ import pinocchio as pin
 from optim.planning.formulation.base_actuation import base_wrench_limits
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.formulation.path_constraints import PREFIX
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements import create
 from spacerobot.elements.shapes.collision_shape import wrapping_shapes
-from spacerobot.errors import ScenarioError
 from spacerobot.scene import Scene
 from spacerobot.scene.contacts import coal_distance, find_pairs
 from spacerobot.scene.overlaps import Solid, overlap_depth, solids

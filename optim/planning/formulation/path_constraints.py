@@ -13,7 +13,7 @@ from optim.planning.formulation.grasps import wrench_axes
 from optim.planning.formulation.instant_view import AXES, InstantView
 from optim.planning.formulation.reaction_wheels import wheel_rows
 from optim.planning.formulation.stage import DrivenCoordinates, Stage
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.description.parts import UrdfJoint as UrdfJoint
 from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.elements.limits.plan_limit import JointQuantity, PlanLimit, PlannedJoint

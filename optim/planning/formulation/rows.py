@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.shapes import Implicit
 

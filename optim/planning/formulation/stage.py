@@ -22,8 +22,8 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.formulation.grasps import closed_grasps, spring_wrench, tip_slip, wrench_axes
-from spacerobot.arrays import Array
 from spacerobot.closedloop import environment_forces
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics import (
     Inertias,
     Kinematics,

@@ -16,7 +16,7 @@ from optim.planning.mpc.horizon import ROUNDING, Horizon
 from optim.planning.mpc.measured_state import sensors_of
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.verification.replay import joint_angle
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.controller import Replanning
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.phases import reached_from, successors

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from optim.planning.mpc.measured_state import HELD, Readings, moved
 from optim.planning.verification.replay import joint_angle
-from spacerobot.arrays import Array
 from spacerobot.closedloop import ClosedLoop
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics.inertial_parameters import PLANAR, is_realisable
 from spacerobot.scenario.bodies import Robot
 from spacerobot.scenario.load import to_document

@@ -33,8 +33,8 @@ from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.replay import joint_angle
 from optim.planning.verification.verify import course_collisions
-from spacerobot.arrays import Array
-from spacerobot.errors import NoPlanError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import NoPlanError
 
 FEWEST = 4
 """Minimum number of intervals of a replanned motion (or the first plan's number, if that is smaller)."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
 from spacerobot.closedloop import OutputVariable
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.controller import MPC_INPUT
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scenario.sensors import Sensors

@@ -24,9 +24,9 @@ from optim.planning.mpc.handover import Handover
 from optim.planning.mpc.horizon import Horizon
 from optim.planning.search.plan_solver import PlanSolver
 from optim.problem.scene_recipe import SceneRecipe
-from spacerobot.arrays import Array
-from spacerobot.errors import NoPlanError, SpaceRobotError
-from spacerobot.interrupts import leave
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import NoPlanError, SpaceRobotError
+from spacerobot.common.interrupts import leave
 from spacerobot.scene import Scene
 
 OFTEN = 1000

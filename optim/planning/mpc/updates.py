@@ -17,13 +17,13 @@ from optim.planning.mpc.handover import Handover
 from optim.planning.mpc.horizon import ROUNDING
 from optim.planning.mpc.measured_state import Readings, measured_state, readings_of
 from optim.planning.mpc.planners import ParallelPlanners, Planners
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import NoPlanError, SpaceRobotError
+from spacerobot.common.section import numbers
 from spacerobot.elements.controllers.controller import Replanning
-from spacerobot.errors import NoPlanError, SpaceRobotError
 from spacerobot.result.summary_types import MpcStatistics
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
-from spacerobot.section import numbers
 from spacerobot.symbolic.noise import DRAW, NOISELESS
 from spacerobot.updates.plant import SHORT, Inputs, Rows, SinglePlant, UpdatedPlant
 

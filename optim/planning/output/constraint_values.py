@@ -14,7 +14,7 @@ from optim.planning.formulation.rows import row_values
 from optim.planning.search.make_plan import PlanSolution
 from optim.planning.transcription.collocation_program import first_constrained
 from optim.planning.transcription.motion import PhasedMotion
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.scene import Scene
 

@@ -13,9 +13,9 @@ from optim.planning.formulation.costs import headings
 from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
 from optim.planning.studies.pareto_front import ParetoFront
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.tables import Table, unit_scale
 from spacerobot.scene import build_scene
-from spacerobot.tables import Table, unit_scale
 
 FRONT = "front.json"
 

@@ -36,14 +36,14 @@ from optim.planning.output.constraint_values import constraint_variables, multip
 from optim.planning.output.following_scenario import PLAN, following_scenario, handover_warnings, plan_phase
 from optim.planning.search.make_plan import PlanSolution
 from optim.planning.transcription.motion import Motion
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ResultError
+from spacerobot.common.files import StrPath, staged, write_text
+from spacerobot.common.interrupts import uninterrupted
+from spacerobot.common.version import __version__
 from spacerobot.elements.core.registry import plugin_records
-from spacerobot.errors import ResultError
-from spacerobot.files import StrPath, staged, write_text
-from spacerobot.interrupts import uninterrupted
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene
-from spacerobot.version import __version__
 
 SUMMARY, FOLLOWED, SCENARIO = "plan.json", "followed.yaml", "scenario.yaml"
 AXES = ["x", "y", "z"]

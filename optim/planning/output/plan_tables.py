@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spacerobot.tables import Table
+from spacerobot.common.tables import Table
 
 Summary = Mapping[str, Any]
 

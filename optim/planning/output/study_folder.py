@@ -12,9 +12,9 @@ from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
 from optim.planning.studies.design_study import DesignStudy
 from optim.problem.variables import at_bound
-from spacerobot.files import StrPath, write_text
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.tables import Table
 from spacerobot.scenario.units import unit_at
-from spacerobot.tables import Table
 
 DESIGN = "design.json"
 

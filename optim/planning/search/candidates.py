@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from optim.planning.formulation.formulate import plan_section
-from spacerobot.errors import NoPlanError, ScenarioError
+from spacerobot.common.errors import NoPlanError, ScenarioError
 from spacerobot.scene import Scene, build_scene
 
 T = TypeVar("T")

@@ -11,7 +11,7 @@ from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution
 from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.verify import limit_names
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scenario.plan import PlanSection
 
 VIOLATED = 1e-6

@@ -13,7 +13,7 @@ from optim.planning.formulation.rows import row_values
 from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.initial_guess import drift
 from optim.planning.transcription.lobatto import Lobatto
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene
 from spacerobot.scene.reference_checks import com_from_base, reach

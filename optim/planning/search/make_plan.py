@@ -19,8 +19,8 @@ from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.initial_guess import arrival_durations
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.verification.verify import VerificationResult
-from spacerobot.errors import NoPlanError
-from spacerobot.files import StrPath
+from spacerobot.common.errors import NoPlanError
+from spacerobot.common.files import StrPath
 from spacerobot.scene import Scene
 
 Progress = Callable[[str], None]

@@ -23,7 +23,7 @@ import pinocchio as pin
 from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.initial_guess import base_shifts, drift
 from optim.planning.transcription.lobatto import Lobatto
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 
 POSTURES = 20

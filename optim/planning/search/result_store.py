@@ -22,8 +22,8 @@ from optim.planning.search.plan_solver import SolveRequest, SolveResult, SolverR
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.verification.verify import VerificationResult, Violation
-from spacerobot.files import write_bytes
-from spacerobot.version import __version__
+from spacerobot.common.files import write_bytes
+from spacerobot.common.version import __version__
 
 ARRAYS = ("w", "multipliers", "bound_multipliers")
 

@@ -14,8 +14,8 @@ from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.references.plan_file import numbers, open_plan, phase_rows
-from spacerobot.errors import ScenarioError
 
 FILE = "plan.nc"
 MULTIPLIERS = ("multiplier", "bound_multiplier")

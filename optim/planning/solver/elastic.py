@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from optim.planning.solver.nonlinear_program import NonlinearProgram
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 COST = 1e-4
 """Weight e of the cost: far below the inverse of the multipliers, and large enough for a unique minimum."""

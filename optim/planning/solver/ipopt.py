@@ -19,7 +19,7 @@ from scipy import sparse
 from optim.planning.solver.casadi_messages import without_interrupts
 from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.solver.presolve import PresolvedProgram
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 PATIENCE = 30
 """Number of iterations after which a warm start is abandoned for a cold one."""

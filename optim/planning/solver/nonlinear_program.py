@@ -6,7 +6,7 @@ from typing import Protocol
 
 from scipy import sparse
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 
 class NonlinearProgram(Protocol):

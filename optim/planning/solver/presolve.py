@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
 from optim.planning.solver.nonlinear_program import NonlinearProgram
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 Places = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]

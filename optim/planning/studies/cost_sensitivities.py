@@ -22,12 +22,12 @@ from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.drive_jumps import segment_constraints, segment_problems
 from optim.planning.transcription.instant_functions import with_values_of
 from optim.planning.transcription.phase_chain import PhaseChain
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import is_number
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene
-from spacerobot.section import is_number
 
 STEP = 1e-4
 """Step of the differences, relative to the number or to :data:`SMALL`, whichever is larger."""

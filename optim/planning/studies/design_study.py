@@ -28,9 +28,9 @@ from optim.planning.search.result_store import ResultStore
 from optim.planning.search.solve_request import solve_request
 from optim.planning.studies.cost_sensitivities import OptimalPoint
 from optim.problem.variables import Variables, variables_of
-from spacerobot.arrays import Array
-from spacerobot.errors import NoPlanError, ScenarioError
-from spacerobot.files import StrPath
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import NoPlanError, ScenarioError
+from spacerobot.common.files import StrPath
 from spacerobot.scene import Scene, build_scene
 
 DESIGNS = 50

@@ -27,8 +27,8 @@ from optim.planning.search.make_plan import (
 )
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
 from optim.planning.search.solve_tasks import SolveTask, run_tasks
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.files import StrPath
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.files import StrPath
 from spacerobot.quantities import planned
 from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scene import Scene

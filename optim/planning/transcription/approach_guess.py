@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.formulation.stage import PlanningProblem
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene.scene import SceneBody
 
 SAMPLES = 240

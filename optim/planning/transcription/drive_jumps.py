@@ -29,7 +29,7 @@ from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.transcription.phase_chain import LinearConstraints
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 AT_LIMIT, AT_REST = 0.9, 0.1
 """Shares of a limit above and below which a drive is at its limit or at zero."""

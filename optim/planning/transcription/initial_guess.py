@@ -14,7 +14,7 @@ from optim.planning.transcription.approach_guess import SAMPLES, TargetApproach,
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene.scene import SceneBody
 
 STEPS = 200

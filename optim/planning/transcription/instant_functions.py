@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from optim.planning.formulation.rows import functions_of, implicit_in, implicit_values, symbols_of
 from optim.planning.formulation.stage import PlanningProblem
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import CompileError
 from spacerobot.compiled import compile_functions, find_toolchain
 from spacerobot.elements.goals.plan_instant import BoundedRow
-from spacerobot.errors import CompileError
 from spacerobot.shapes import Implicit
 
 Places = npt.NDArray[np.int64]

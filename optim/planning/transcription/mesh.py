@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 Places = npt.NDArray[np.int64]
 

@@ -10,7 +10,7 @@ from optim.planning.solver.ipopt import OnIteration, Solution, solve
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.motion import Motion
 from optim.planning.transcription.phase_chain import PhaseChain
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 
 def solve_from(

@@ -13,7 +13,7 @@ import numpy as np
 from optim.planning.formulation.stage import PlanningProblem
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

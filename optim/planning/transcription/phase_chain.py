@@ -22,7 +22,7 @@ from optim.planning.formulation.stage import Stage
 from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.collocation_program import CollocationProgram, SparseSums
 from optim.planning.transcription.instant_functions import Pattern, derived
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics import Inertias, forward_kinematics, inverse_dynamics
 
 

@@ -19,7 +19,7 @@ from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import PhasedMotion
 from optim.planning.verification.replay import steps_of, tip_errors
 from optim.planning.verification.verify import ROUNDING, VerificationResult, between_points
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 SAFETY = 0.3
 """Share of the tolerance allowed for the sum of interval errors, because their estimates are asymptotic."""

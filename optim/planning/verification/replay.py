@@ -18,7 +18,8 @@ from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.motion import Motion
 from optim.planning.verification.tracking_gains import tracking_gains
 from optim.problem.derived_loop import DerivedLoop
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.compiled.numeric_function import NumericFunction
 from spacerobot.dynamics import (
     ArticulatedBody,
     Inertias,
@@ -28,7 +29,6 @@ from spacerobot.dynamics import (
 )
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.joints import sparse
-from spacerobot.numeric_function import NumericFunction
 from spacerobot.rollout import Rollout, build_rollout
 
 LONGEST_STEP = 0.01

@@ -25,7 +25,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.phase_chain import PhaseChain
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 FLAT = 1e-3
 """Curvature relative to the cost below which a direction is flat: plans may have several equal optima."""

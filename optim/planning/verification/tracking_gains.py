@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from optim.planning.transcription.motion import Motion
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene
 
 BANDWIDTH = 5.0

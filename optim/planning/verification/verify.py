@@ -18,7 +18,7 @@ from optim.planning.transcription.motion import Motion, PhasedMotion, normalised
 from optim.planning.transcription.phase_chain import PhaseChain
 from optim.planning.verification.replay import replay_motion, tip_errors
 from optim.planning.verification.second_order_conditions import descent_direction
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
 
 RESIDUAL = 1e-6

@@ -22,8 +22,8 @@ from scipy.special import logsumexp
 from optim.reliability.design_points import DesignPoint, add_distinct, converge
 from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort, mean_of
 from optim.reliability.limit_state import LimitState
-from spacerobot.arrays import Array
-from spacerobot.registry import registered
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import registered
 
 BLOCK = 500  # rollouts after which the accuracy is judged
 LEAST = 1000

@@ -12,8 +12,8 @@ from scipy.optimize import elementwise
 from optim.reliability.design_points import DesignPoint
 from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort, mean_of
 from optim.reliability.limit_state import MOST_SCORE, LimitState
-from spacerobot.arrays import Array
-from spacerobot.registry import registered
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import registered
 
 BLOCK = 32  # lines that are searched at once
 LEAST = 64

@@ -10,7 +10,7 @@ import numpy as np
 from optim.reliability.design_points import DesignPoint
 from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort
 from optim.reliability.limit_state import MOST_SCORE, LimitState
-from spacerobot.registry import registered
+from spacerobot.common.registry import registered
 
 SHARE = 0.1  # of the samples that enter the next level
 LEVELS = 12

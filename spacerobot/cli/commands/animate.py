@@ -13,7 +13,7 @@ from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
-from spacerobot.interrupts import keep
+from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
     from viz.page.live import LiveViewer

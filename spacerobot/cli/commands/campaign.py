@@ -12,8 +12,8 @@ from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, parse_changes
 from spacerobot.cli.output import console, progress, show, warn
-from spacerobot.errors import ScenarioError
-from spacerobot.interrupts import keep
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
     from optim.campaign.run import CampaignProgress

@@ -13,7 +13,7 @@ import spacerobot as sr
 from spacerobot.cli.command import EXCHANGE, Command
 from spacerobot.cli.options import Changes, parse_changes
 from spacerobot.cli.output import console, progress, show
-from spacerobot.registry import COMMANDS
+from spacerobot.common.registry import COMMANDS
 
 Words = Annotated[
     list[str] | None,
@@ -73,7 +73,7 @@ COMMANDS.add(
 
 def _interpret(positional: Sequence[str], out: Path | None) -> tuple[str | None, str, Path]:
     """Format, source and path of the words."""
-    from spacerobot.errors import SpaceRobotError
+    from spacerobot.common.errors import SpaceRobotError
 
     if out is not None and len(positional) in (1, 2):
         *name, source = positional
@@ -90,8 +90,8 @@ def _interpret(positional: Sequence[str], out: Path | None) -> tuple[str | None,
 
 def _reject_missing(words: Sequence[str], out: Path | None) -> None:
     """Refuse a source that is neither a folder nor a scenario, before the formats' libraries are loaded."""
-    from spacerobot.errors import SpaceRobotError
-    from spacerobot.registry import EXPORT_FORMATS
+    from spacerobot.common.errors import SpaceRobotError
+    from spacerobot.common.registry import EXPORT_FORMATS
     from spacerobot.scenario.catalogue import find_scenario
 
     if not words:
@@ -115,7 +115,7 @@ def _reject_missing(words: Sequence[str], out: Path | None) -> None:
 
 def _parse(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
     """Positional words, and options of formats: ``--name VALUE``, ``--name=VALUE``, ``--flag``."""
-    from spacerobot.registry import EXPORT_FORMATS
+    from spacerobot.common.registry import EXPORT_FORMATS
     from spacerobot.scenario.document import parse_yaml
 
     positional, options, waiting = list[str](), dict[str, Any](), iter(words)

@@ -10,7 +10,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import BEGIN, Command
 from spacerobot.cli.output import console
-from spacerobot.registry import COMMANDS
+from spacerobot.common.registry import COMMANDS
 
 if TYPE_CHECKING:
     from spacerobot.description import Description

@@ -10,7 +10,7 @@ import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, show
-from spacerobot.tables import Table
+from spacerobot.common.tables import Table
 
 At = Annotated[
     list[str] | None,

@@ -11,8 +11,8 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import BEGIN, Command
 from spacerobot.cli.output import console, progress, warn
-from spacerobot.errors import ScenarioError
-from spacerobot.files import write_text
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.files import write_text
 
 Robots = Annotated[
     list[str] | None,

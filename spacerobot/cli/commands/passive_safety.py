@@ -11,7 +11,7 @@ import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.output import progress, show
 from spacerobot.cli.plugins import load_plugins_of
-from spacerobot.tables import Table
+from spacerobot.common.tables import Table
 
 
 @Command.of("passive-safety", place=5, group=SIMULATE)

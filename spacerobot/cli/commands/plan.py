@@ -12,7 +12,7 @@ from spacerobot.cli.command import PLAN, Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
 from spacerobot.cli.output import console, progress, show, warn
-from spacerobot.interrupts import advise
+from spacerobot.common.interrupts import advise
 from spacerobot.scenario.catalogue import find_scenario
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from spacerobot.cli.commands.falsify import Limit, Metric
 from spacerobot.cli.options import Changes, ScenarioName, Threads, parse_changes
 from spacerobot.cli.output import console, progress, show
 from spacerobot.cli.tuning_options import Seed
-from spacerobot.registry import ESTIMATORS
+from spacerobot.common.registry import ESTIMATORS
 
 
 @Command.of("reliability", place=4, group=TUNE)

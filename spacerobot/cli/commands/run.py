@@ -10,7 +10,7 @@ import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, show, warn
-from spacerobot.interrupts import keep
+from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -134,7 +134,7 @@ def fail_if_diverged(result: Result) -> None:
     Raises:
         DivergedError: If it diverged.
     """
-    from spacerobot.errors import DivergedError
+    from spacerobot.common.errors import DivergedError
 
     if result.completed:
         warn_if_open(result)

@@ -27,7 +27,7 @@ def command(
     if file is None:
         typer.echo(text)
     else:
-        from spacerobot.files import write_text
+        from spacerobot.common.files import write_text
 
         write_text(file, text + "\n")
         typer.echo(f"schema in {file}")

@@ -23,8 +23,8 @@ from spacerobot.cli.tuning_options import (
     shown,
     stop_if_interrupted,
 )
-from spacerobot.registry import TUNING_METHODS
-from spacerobot.tables import Table
+from spacerobot.common.registry import TUNING_METHODS
+from spacerobot.common.tables import Table
 
 Method = Annotated[
     str,

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import required
 from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.robot_element import Part, RobotElement
-from spacerobot.registry import required
 
 FIRING = "firing"
 """First word in the names of switches of thruster pulses, which end between the sample instants of

@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 NEAREST = 1e-8
 """e: relative error of the wrench that is accepted to save propellant."""

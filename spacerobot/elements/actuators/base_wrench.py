@@ -8,14 +8,14 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import quantity
 from spacerobot.elements.actuators.actuator import Actuator
 from spacerobot.elements.actuators.saturation import saturation_events
 from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part
-from spacerobot.section import quantity
 
 
 @register

@@ -9,6 +9,8 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import matching, quantity
 from spacerobot.elements.actuators.actuator import Actuator
 from spacerobot.elements.actuators.joint_lock import held_joints
 from spacerobot.elements.core.context import ActuatorContext
@@ -16,8 +18,6 @@ from spacerobot.elements.core.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.core.failure import failing
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
-from spacerobot.errors import near_names
-from spacerobot.section import matching, quantity
 
 HELD = ("locked", "runaway")
 """Modes in which a joint is held at a constant rate."""

@@ -29,6 +29,8 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import MAX_SAMPLES, matching, quantity
 from spacerobot.dynamics import Inertias, forward_kinematics, momentum
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.momentum import subtree
@@ -52,8 +54,6 @@ from spacerobot.elements.core.contribution import (
 from spacerobot.elements.core.failure import detected_failures, detection
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
-from spacerobot.errors import near_names
-from spacerobot.section import MAX_SAMPLES, matching, quantity
 
 NOISES = ("joint_noise", "spin_noise", "velocity_noise")
 

@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import Section, Vector, quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuators.actuator import MomentumStorage
 from spacerobot.elements.actuators.wheel_set import (
@@ -35,7 +36,6 @@ from spacerobot.elements.core.contribution import (
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.elements.references.reference import DEGREE
-from spacerobot.section import Section, Vector, quantity
 
 ACROSS = 1e-6
 """Maximum cosine between a wheel's axis and a root-link axis about which it exerts no torque."""

@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 from pydantic import model_validator
 
+from spacerobot.common.section import quantity
 from spacerobot.dynamics import Inertias, forward_kinematics, momentum
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.momentum import subtree
@@ -40,7 +41,6 @@ from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import Contribution, Output, memory
 from spacerobot.elements.core.event import Event, both, negated
 from spacerobot.elements.core.failure import ResidualTest, detected_failures, detection
-from spacerobot.section import quantity
 
 SETTLED = 4.0
 """Time, in units of the lag's time constant, after which a residual is compared with the failure

@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import MAX_SAMPLES, Name, Section, Vector, quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuators.actuator import FIRING, Actuator
 from spacerobot.elements.actuators.allocation import ThrusterLayout, allocate, largest_box, steps_needed
@@ -38,7 +39,6 @@ from spacerobot.elements.core.event import Event, either
 from spacerobot.elements.core.failure import AllocatedFailure, failing
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part, RobotProperties
-from spacerobot.section import MAX_SAMPLES, Name, Section, Vector, quantity
 
 GRAVITY = 9.80665
 """Standard gravity [m/s^2], the factor between specific impulse [s] and exhaust velocity [m/s]."""

@@ -8,14 +8,14 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import matching, quantity
 from spacerobot.elements.actuators.actuator import Actuator
 from spacerobot.elements.actuators.saturation import saturation_events
 from spacerobot.elements.core.context import ActuatorContext
 from spacerobot.elements.core.contribution import ActuatorDrive, Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
-from spacerobot.errors import near_names
-from spacerobot.section import matching, quantity
 
 
 @register

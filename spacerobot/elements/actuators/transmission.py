@@ -46,6 +46,8 @@ from typing import ClassVar, Literal, Self
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import matching, quantity
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.actuators.actuator import Actuator
@@ -63,8 +65,6 @@ from spacerobot.elements.core.contribution import (
 from spacerobot.elements.core.event import Event, negated
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
-from spacerobot.errors import near_names
-from spacerobot.section import matching, quantity
 
 
 @register

@@ -9,6 +9,8 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.errors import near_names
+from spacerobot.common.section import matching
 from spacerobot.elements.actuators.joint_lock import held_joints
 from spacerobot.elements.actuators.wheel_set import (
     WheelMotors,
@@ -21,8 +23,6 @@ from spacerobot.elements.core.context import ActuatorContext, once_for_each
 from spacerobot.elements.core.contribution import ActuatorDrive, Contribution, PowerTerm, concatenate
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
-from spacerobot.errors import near_names
-from spacerobot.section import matching
 
 
 @register

@@ -35,7 +35,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.actuators.actuator import Actuator
 from spacerobot.elements.actuators.momentum_residual import Momenta, sample_noise, sampled_residual
@@ -52,7 +53,6 @@ from spacerobot.elements.core.failure import (
     failing,
 )
 from spacerobot.elements.core.robot_element import Part
-from spacerobot.section import quantity
 
 SLACK = 1e-3
 """Margin below its speed limit, relative to it, at which a held wheel is free again as its base rotates."""

@@ -16,13 +16,13 @@ from typing import ClassVar
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.registry import required
+from spacerobot.common.section import MAX_STEPS, quantity
 from spacerobot.elements.core.context import ContactContext
 from spacerobot.elements.core.contribution import Contribution, Output, PowerTerm, State
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.event import Event, both, negated
 from spacerobot.elements.shapes.collision_shape import Wrap
-from spacerobot.registry import required
-from spacerobot.section import MAX_STEPS, quantity
 from spacerobot.shapes import CROWN
 
 OBSERVED = {

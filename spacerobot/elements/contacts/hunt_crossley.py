@@ -17,11 +17,11 @@ from typing import Literal
 import casadi as ca
 from pydantic import model_validator
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.contacts.contact import Contact, ContactForce, booked, touches, watch
 from spacerobot.elements.core.context import ContactContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
-from spacerobot.section import quantity
 
 _SHALLOWEST = 1e-30
 """Indentations [m] below this count as zero, so that powers of them have finite derivatives."""

@@ -25,6 +25,7 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp, rotation_log
 from spacerobot.elements.controllers.compliance import (
@@ -41,7 +42,6 @@ from spacerobot.elements.controllers.operational_space import accelerating
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import Contribution, State
 from spacerobot.elements.core.registry import register
-from spacerobot.section import quantity
 
 
 @register

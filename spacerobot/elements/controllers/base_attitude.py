@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics import FreeFloating, centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross, cross_columns
 from spacerobot.dynamics.rotations import rotation_exp, rotation_from_rpy
@@ -17,7 +18,6 @@ from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part
 from spacerobot.elements.references.reference import DEGREE
-from spacerobot.section import Vector, quantity
 
 
 @register

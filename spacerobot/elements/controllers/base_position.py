@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics import centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross_columns
 from spacerobot.elements.controllers.base_control import ArmReaction, held, resistance
@@ -15,7 +16,6 @@ from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part
-from spacerobot.section import Vector, quantity
 
 
 @register

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import Name, quantity
 from spacerobot.elements.controllers.base_plan import PLANAR, planned_parts, planned_wrench
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.context import RobotContext
@@ -23,7 +24,6 @@ from spacerobot.elements.references.plan_following import (
     plan_file,
     plan_phase,
 )
-from spacerobot.section import Name, quantity
 
 
 @register

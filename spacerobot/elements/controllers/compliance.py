@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import Section
 from spacerobot.elements.controllers.controller import TipController, named_motion
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.sensors.signals import WRENCHES
-from spacerobot.section import Section
 
 Gain = Annotated[float, Field(ge=0)]
 Gains = tuple[Gain, Gain, Gain]

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
+from spacerobot.common.registry import required
+from spacerobot.common.section import Section
 from spacerobot.elements.core.context import RobotContext, TipContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.robot_element import RobotElement
 from spacerobot.elements.core.sampling import SAMPLED, Sampling
-from spacerobot.registry import required
-from spacerobot.section import Section
 
 INPUT = "_input_"
 """Infix in the names of outputs that are inputs of controllers with a Python update."""

@@ -25,6 +25,7 @@ from typing import Annotated, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.elements.controllers.compliance import (
     Axes,
     ComplianceController,
@@ -37,7 +38,6 @@ from spacerobot.elements.controllers.operational_space import accelerating
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import Contribution, State
 from spacerobot.elements.core.registry import register
-from spacerobot.section import Vector, quantity
 
 Share = Annotated[float, Field(ge=0, le=1)]
 

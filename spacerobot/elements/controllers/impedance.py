@@ -42,6 +42,7 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.controllers.compliance import (
     Axes,
@@ -57,7 +58,6 @@ from spacerobot.elements.controllers.operational_space import accelerating
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import Contribution, ControlChannel
 from spacerobot.elements.core.registry import register
-from spacerobot.section import quantity
 
 
 @register

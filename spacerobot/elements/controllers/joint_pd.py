@@ -17,6 +17,7 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import quantity
 from spacerobot.dynamics import forward_kinematics, frame_jacobian, frame_placement
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.controllers.controller import RobotController
@@ -25,7 +26,6 @@ from spacerobot.elements.core.contribution import Contribution, State
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.sensors.joint_position import joint_position, read_positions
-from spacerobot.section import quantity
 
 
 @register

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import Name, quantity
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import CommandedTorque, Contribution
@@ -30,7 +31,6 @@ from spacerobot.elements.references.plan_following import (
     table,
 )
 from spacerobot.elements.sensors.joint_position import read_positions
-from spacerobot.section import Name, quantity
 
 APART = 1e-3
 """Distance from the plan's start [rad or m] above which the user is warned."""

@@ -13,6 +13,8 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import MAX_PLANS, quantity
 from spacerobot.elements.controllers.base_plan import planned_parts, planned_wrench
 from spacerobot.elements.controllers.controller import MPC_INPUT, Replanning
 from spacerobot.elements.controllers.joint_plan import JointPlanController
@@ -24,8 +26,6 @@ from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
 from spacerobot.elements.references.plan_following import BaseMotion
 from spacerobot.elements.sensors.signals import SIGNALS
-from spacerobot.errors import ScenarioError
-from spacerobot.section import MAX_PLANS, quantity
 
 HELD_UNITS = {
     "held_mass": "kg",

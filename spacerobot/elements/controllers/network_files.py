@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
-from spacerobot.optional import optional_module
-from spacerobot.section import LARGEST
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.optional import optional_module
+from spacerobot.common.section import LARGEST
 
 MOST_WEIGHTS = 50_000
 """Largest number of weights and biases: each is a number of the scenario, and an operation of the compiled

@@ -21,6 +21,8 @@ from typing import Any, ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.section import Name, Section, quantity
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.controllers.measurements import first_rotation, robot_values, target_readings
@@ -29,8 +31,6 @@ from spacerobot.elements.core.context import RobotContext, TipContext
 from spacerobot.elements.core.contribution import CommandedTorque, Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import Part, RobotProperties
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.section import Name, Section, quantity
 
 JOINT_SIGNALS = ("joint_position", "joint_rate")
 Input = Literal[

@@ -23,11 +23,11 @@ from typing import Literal
 
 import casadi as ca
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.elements.controllers.free_base import FreeBase
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import ControlChannel
-from spacerobot.errors import ScenarioError
 
 
 def accelerating(

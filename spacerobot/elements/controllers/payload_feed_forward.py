@@ -16,13 +16,13 @@ from typing import Literal
 import casadi as ca
 from pydantic import model_validator
 
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics.inertial_parameters import inertial_parameters, inertial_wrench
 from spacerobot.elements.controllers.controller import TipController
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
-from spacerobot.errors import ScenarioError
-from spacerobot.section import Vector, quantity
 
 KEYS = ("mass", "com", "inertia")
 

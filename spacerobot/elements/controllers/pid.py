@@ -20,12 +20,12 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import Section, quantity
 from spacerobot.elements.controllers.amnesia import correct
 from spacerobot.elements.controllers.controller import TipController, named_motion
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.core.contribution import Contribution, ControlChannel, State
 from spacerobot.elements.core.registry import register
-from spacerobot.section import Section, quantity
 
 
 @register

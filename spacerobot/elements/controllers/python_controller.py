@@ -15,15 +15,15 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.registry import required
+from spacerobot.common.section import MAX_SAMPLES, quantity
 from spacerobot.elements.controllers.controller import INPUT, RobotController
 from spacerobot.elements.controllers.measurements import robot_values
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import CommandedTorque, Contribution, Output, memory
 from spacerobot.elements.sensors.signals import SIGNALS
-from spacerobot.errors import ScenarioError
-from spacerobot.registry import required
-from spacerobot.section import MAX_SAMPLES, quantity
 
 Measurements = Mapping[str, Array]
 """Measurements by name, each (n,)."""

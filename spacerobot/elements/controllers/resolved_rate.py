@@ -32,6 +32,7 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.inertial_parameters import inertial_parameters, inertial_wrench, spatial_inertia
 from spacerobot.elements.controllers.controller import RobotController
@@ -40,7 +41,6 @@ from spacerobot.elements.core.context import RobotContext, TipContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
-from spacerobot.section import Vector, quantity
 
 
 @register

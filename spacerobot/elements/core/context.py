@@ -9,13 +9,13 @@ from typing import Protocol, TypeVar
 
 import casadi as ca
 
+from spacerobot.common.section import Section
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import SymmetricFactors, cross
 from spacerobot.elements.core.contribution import CommandedTorque
 from spacerobot.elements.core.desired_motion import DesiredMotion
 from spacerobot.elements.core.grasp_state import GraspState
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.section import Section
 from spacerobot.shapes import MovingShape, Proximity, Shape, approach_speed, proximity
 from spacerobot.symbolic import InitialState, Plant
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from spacerobot.registry import required
-from spacerobot.section import Section
+from spacerobot.common.registry import required
+from spacerobot.common.section import Section
 
 
 class Element(Section):

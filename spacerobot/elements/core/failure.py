@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import MAX_SAMPLES, Section, quantity
 from spacerobot.elements.core.contribution import Output
 from spacerobot.elements.core.event import Event, negated
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.section import MAX_SAMPLES, Section, quantity
 
 
 class Failure(Section):

@@ -6,8 +6,8 @@ import inspect
 import re
 from typing import Any
 
+from spacerobot.common.section import Section
 from spacerobot.elements.core.registry import FAMILIES, PLANS, kinds
-from spacerobot.section import Section
 
 PLACES = {
     "reference": "`robots.*.tips.*.reference`, `target.reference`",

@@ -21,10 +21,10 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdap
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from spacerobot.common.errors import FORMER_NAMES, SpaceRobotError, near_names
+from spacerobot.common.files import StrPath
+from spacerobot.common.registry import Registry, check_methods, registered
 from spacerobot.elements.core.element import Element
-from spacerobot.errors import FORMER_NAMES, SpaceRobotError, near_names
-from spacerobot.files import StrPath
-from spacerobot.registry import Registry, check_methods, registered
 
 GROUP = "spacerobot.elements"
 """Entry-point group of installed plugins: each entry names a module that registers kinds."""

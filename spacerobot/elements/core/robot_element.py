@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.core.element import Element
 
 Part = Literal["force", "torque"]

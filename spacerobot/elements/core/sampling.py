@@ -31,6 +31,7 @@ from dataclasses import replace
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import MAX_SAMPLES, Section, quantity
 from spacerobot.elements.core.clock import MAX_DELAY, Clock, DelayLine
 from spacerobot.elements.core.contribution import (
     CommandedTorque,
@@ -40,7 +41,6 @@ from spacerobot.elements.core.contribution import (
     memory,
 )
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.section import MAX_SAMPLES, Section, quantity
 
 
 class Sampling(Section):

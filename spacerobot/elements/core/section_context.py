@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.core.event import Event, both, either, negated
-from spacerobot.errors import ScenarioError
 from spacerobot.symbolic import Constants, Parameters
 from spacerobot.symbolic.noise import DRAW, SEED
 

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import casadi as ca
 
+from spacerobot.common.registry import required
 from spacerobot.dynamics import Wrench
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.core.contribution import Contribution, PowerTerm
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.registry import required
 from spacerobot.symbolic import Plant
 
 

@@ -10,12 +10,12 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.core.contribution import Contribution, Output
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.environments.environment import Environment, EnvironmentContext, Load
 from spacerobot.elements.references.reference import DEGREE
-from spacerobot.section import quantity
 
 _ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999
 

@@ -37,6 +37,7 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import SymmetricFactors
 from spacerobot.dynamics.rotations import rotation_exp, rotation_log
 from spacerobot.elements.core.clock import Clock
@@ -47,7 +48,6 @@ from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.estimators.estimator import Estimator, EstimatorContext
 from spacerobot.elements.estimators.kalman import symmetric, triangle, updated
 from spacerobot.elements.sensors.measurement import attitude_numbers, attitude_of, turned_by
-from spacerobot.section import quantity
 
 GYRO, TRACKER = "base_spin", "base_orientation"
 DEGREE = ca.pi / 180

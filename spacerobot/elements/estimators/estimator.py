@@ -8,12 +8,12 @@ from typing import ClassVar, Protocol
 
 import casadi as ca
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import required
 from spacerobot.elements.core.contribution import Contribution, Innovation
 from spacerobot.elements.core.robot_element import RobotElement, RobotProperties
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.sensors.measurement import Measurement
-from spacerobot.registry import required
 from spacerobot.symbolic import Plant
 
 HELD_INERTIA = "held_inertia"

@@ -41,6 +41,8 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.section import MAX_SAMPLES, Name, Vector, quantity
 from spacerobot.dynamics import FreeFloating
 from spacerobot.dynamics.algebra import SymmetricFactors, skew
 from spacerobot.dynamics.inertial_parameters import (
@@ -60,8 +62,6 @@ from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.estimators.estimator import HELD_INERTIA, Estimator, EstimatorContext
 from spacerobot.elements.estimators.kalman import symmetric, triangle
 from spacerobot.elements.sensors.joint_position import joint_position
-from spacerobot.errors import ScenarioError
-from spacerobot.section import MAX_SAMPLES, Name, Vector, quantity
 
 NOISY = {"velocity_noise": "base_velocity", "spin_noise": "base_spin", "rate_noise": "joint_rate"}
 OTHERS = ("base_position", "base_orientation", "joint_position")

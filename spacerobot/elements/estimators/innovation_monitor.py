@@ -22,14 +22,14 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.errors import ScenarioError, near_names
+from spacerobot.common.section import Name, quantity
 from spacerobot.elements.core.clock import Clock
 from spacerobot.elements.core.contribution import Contribution, Output, memory
 from spacerobot.elements.core.failure import detected_failures, detection
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.estimators.estimator import Estimator, EstimatorContext
-from spacerobot.errors import ScenarioError, near_names
-from spacerobot.section import Name, quantity
 
 
 @register

@@ -29,6 +29,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.section import Name, quantity
 from spacerobot.dynamics import subtree
 from spacerobot.dynamics.algebra import SymmetricFactors, cross, skew
 from spacerobot.dynamics.inertias import shifted_inertia
@@ -41,7 +42,6 @@ from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.estimators.estimator import Estimator, EstimatorContext
 from spacerobot.elements.estimators.kalman import symmetric, triangle, updated
 from spacerobot.elements.sensors.measurement import attitude_numbers, attitude_of, turned_by
-from spacerobot.section import Name, quantity
 
 PLACE, ATTITUDE = "target_position", "target_orientation"
 DEGREE = math.pi / 180

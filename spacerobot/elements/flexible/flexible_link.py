@@ -9,11 +9,11 @@ from typing import ClassVar, TypeVar
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import required
 from spacerobot.description.read import Description
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.element import Element
-from spacerobot.registry import required
 from spacerobot.symbolic import Plant
 
 Number = TypeVar("Number", float, ca.SX)

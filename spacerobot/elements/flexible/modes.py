@@ -41,15 +41,15 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DescriptionError
+from spacerobot.common.section import Vector, quantity
 from spacerobot.description.flexible import extended, find_link, translation
 from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink, frozen
 from spacerobot.description.read import Description
 from spacerobot.elements.core.contribution import Contribution, Output
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.flexible.flexible_link import FlexibleContext, FlexibleLink, Number
-from spacerobot.errors import DescriptionError
-from spacerobot.section import Vector, quantity
 
 Participation = tuple[float, float, float, float, float, float]
 _SHORT = 0.1

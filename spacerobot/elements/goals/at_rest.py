@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from pydantic import Field
 
+from spacerobot.common.section import Name, quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, matched, within, zero
-from spacerobot.section import Name, quantity
 
 
 @register

@@ -8,11 +8,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from spacerobot.common.section import Name, Vector, quantity
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, within, zero
-from spacerobot.section import Name, Vector, quantity
 
 
 @register

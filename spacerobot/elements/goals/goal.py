@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.registry import required
+from spacerobot.common.section import quantity
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.references.reference import Reference
-from spacerobot.registry import required
-from spacerobot.section import quantity
 
 FLAT: dict[str, Any] = {
     "tip": None,

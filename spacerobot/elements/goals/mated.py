@@ -9,13 +9,13 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics.joints import exact_directions
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, matched, unit, within, zero
 from spacerobot.elements.references.reference import Reference
-from spacerobot.section import Vector, quantity
 
 SETTLING = 1.0
 """Time [s] in which a tip removes its offset from the mating frame after the plan."""

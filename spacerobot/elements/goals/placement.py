@@ -8,11 +8,11 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics.joints import exact_directions, sparse
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.goal import TipGoal
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, matched, within, zero
-from spacerobot.section import Vector, quantity
 
 
 @register

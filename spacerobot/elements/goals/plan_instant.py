@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.joints import sparse
 from spacerobot.elements.shapes.collision_shape import Wrap
-from spacerobot.errors import ScenarioError
 from spacerobot.shapes import Implicit
 
 T = TypeVar("T")
@@ -161,7 +161,7 @@ class PlanInstant(Protocol):
     """Instant of the trajectory for the evaluation of a plan's goals, costs and limits.
 
     A ``key`` is the key of the section that holds the name, for messages. Every method raises
-    :class:`spacerobot.errors.ScenarioError` for an unknown name.
+    :class:`spacerobot.common.errors.ScenarioError` for an unknown name.
     """
 
     def signal(self, name: str) -> Mapping[str, ca.SX]:

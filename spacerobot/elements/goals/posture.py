@@ -8,10 +8,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import Name, Section, quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
-from spacerobot.section import Name, Section, quantity
 
 ROUNDING = 1e-9
 """Tolerance [rad or m] by which a position at the end of a range may lie outside it."""

@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from spacerobot.common.section import Name
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, zero
-from spacerobot.section import Name
 
 
 @register

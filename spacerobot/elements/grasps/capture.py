@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import Section, Vector, quantity
 from spacerobot.elements.core.failure import Failure
-from spacerobot.section import Section, Vector, quantity
 
 ENVELOPE = ("distance", "misalignment_deg", "closing_speed", "lateral_speed", "spin_deg")
 """Optional limits of a capture envelope."""

@@ -7,11 +7,11 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.core.context import GraspContext
 from spacerobot.elements.core.contribution import Contribution, PowerTerm
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.grasps.grasp import Displacement, Grasp, observed, only, relative_motion
-from spacerobot.section import quantity
 
 
 @register

@@ -17,14 +17,14 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.registry import required
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.core.context import GraspContext
 from spacerobot.elements.core.contribution import Contribution, Output, PowerTerm
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.grasps.capture import Capture, GraspFailure, Release
-from spacerobot.registry import required
-from spacerobot.section import quantity
 
 OBSERVED = {
     "grasp_force": ("N", "force of grasps on the target"),

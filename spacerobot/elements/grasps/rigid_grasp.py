@@ -6,11 +6,11 @@ from typing import ClassVar
 
 import casadi as ca
 
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.core.context import GraspContext, unit_load
 from spacerobot.elements.core.contribution import AccelerationConstraint, Contribution, PowerTerm
 from spacerobot.elements.grasps.grasp import Grasp, apart, observed, relative_motion
-from spacerobot.section import quantity
 
 
 class RigidGrasp(Grasp):

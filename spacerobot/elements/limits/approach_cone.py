@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from pydantic import Field
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, unit
 from spacerobot.elements.limits.plan_limit import ApproachCone, PlanLimit
-from spacerobot.section import Vector, quantity
 
 
 @register

@@ -7,11 +7,11 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant
 from spacerobot.elements.limits.plan_limit import PlanLimit, SeparatedShapes
 from spacerobot.elements.shapes.collision_shape import Wrap
-from spacerobot.section import quantity
 
 
 @register

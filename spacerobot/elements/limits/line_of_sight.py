@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, unit
 from spacerobot.elements.limits.plan_limit import PlanLimit
-from spacerobot.section import Vector, quantity
 
 NEAR = 1e-4
 """Distance [m] from the camera below which the direction to the frame is regularised."""

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 from pydantic import create_model
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.goals.plan_instant import BoundedRow, PlanInstant, within
 from spacerobot.elements.limits.plan_limit import JointQuantity, PlanLimit, PlannedJoint, WrenchPart
 from spacerobot.quantities import PlanBound, Quantity, bounded
-from spacerobot.section import quantity
 
 JOINT_SIGNALS: Mapping[Any, JointQuantity] = {"joint_rate": "rate", "joint_torque": "torque"}
 WRENCH_SIGNALS: Mapping[Any, WrenchPart] = {"base_force": "force", "base_torque": "torque"}

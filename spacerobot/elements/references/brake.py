@@ -7,13 +7,13 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.core.context import ReferenceContext
 from spacerobot.elements.core.desired_motion import DesiredMotion, InitialMotion, TimeProfile
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.references.reference import DEGREE, Reference, carried
-from spacerobot.section import quantity
 
 _LONGEST = 1.5
 """Maximum slope of u^2 (3 - 2 u)."""

@@ -8,12 +8,12 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics.rotations import rotation_from_rpy
 from spacerobot.elements.core.desired_motion import TimeProfile
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.references.reference import DEGREE, PLANE_TOLERANCE, TimedReference
-from spacerobot.section import Vector, quantity
 
 
 @register

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.core.desired_motion import TimeProfile
 from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.section_context import SectionContext

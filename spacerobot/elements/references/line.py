@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal
 
+from spacerobot.common.section import Vector, quantity
 from spacerobot.elements.core.desired_motion import TimeProfile, along
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.references.reference import TimedReference
-from spacerobot.section import Vector, quantity
 
 
 @register

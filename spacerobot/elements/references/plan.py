@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.dynamics.joints import sparse
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.core.context import ReferenceContext

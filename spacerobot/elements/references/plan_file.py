@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, near_names
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import Name, Section, Vector, quantity
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.references.knot_motion import is_parted, nodes_of
-from spacerobot.section import Name, Section, Vector, quantity
 
 MOST_POINTS = 2000
 Row = tuple[float, ...]

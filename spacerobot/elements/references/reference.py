@@ -11,7 +11,9 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import required
+from spacerobot.common.section import Vector, numbers, quantity
 from spacerobot.dynamics.algebra import cross
 from spacerobot.dynamics.rotations import rotation_exp
 from spacerobot.elements.core.context import ReferenceContext
@@ -25,8 +27,6 @@ from spacerobot.elements.core.desired_motion import (
 )
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.registry import required
-from spacerobot.section import Vector, numbers, quantity
 from spacerobot.symbolic import Constants, Parameters
 
 DEGREE = np.pi / 180

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics.algebra import SymmetricFactors, cross
 from spacerobot.dynamics.inertias import shifted_inertia
 from spacerobot.dynamics.rotations import rotation_exp, rotation_from_rpy
@@ -18,7 +19,6 @@ from spacerobot.elements.core.desired_motion import DesiredMotion, InitialMotion
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.grasps.grasp import only
 from spacerobot.elements.references.reference import DEGREE, Reference
-from spacerobot.section import Vector, quantity
 
 PEAK = 1.875
 """Maximum slope of the smooth blend."""

@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import Vector
 from spacerobot.elements.core.desired_motion import TimeProfile
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.references.reference import Reference
-from spacerobot.section import Vector
 
 OVERSHOOT = 0.25
 """Overshoot beyond the waypoints that causes a warning, relative to the diagonal of their bounding box."""

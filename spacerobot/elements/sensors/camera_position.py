@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.sensors.linear_sensor import LinearSensor
 from spacerobot.elements.sensors.measurement import SensorErrors
-from spacerobot.section import quantity
 
 
 @register

@@ -17,11 +17,11 @@ from typing import Literal
 
 from pydantic import Field
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.sensors.linear_sensor import LinearSensor
 from spacerobot.elements.sensors.measurement import SensorErrors
 from spacerobot.elements.sensors.sensor import Flange
-from spacerobot.section import quantity
 
 
 @register

@@ -7,10 +7,10 @@ from typing import Literal
 
 from pydantic import Field
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.sensors.linear_sensor import LinearSensor
 from spacerobot.elements.sensors.measurement import SensorErrors
-from spacerobot.section import quantity
 
 
 @register

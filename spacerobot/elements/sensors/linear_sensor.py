@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from spacerobot.common.section import SIGNALS_UNIT, quantity
 from spacerobot.elements.core.context import Affine
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.sensors.sensor import Sensor
-from spacerobot.section import SIGNALS_UNIT, quantity
 
 
 class LinearSensor(Sensor):

@@ -26,6 +26,7 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
+from spacerobot.common.section import MAX_SAMPLES, SIGNALS_UNIT, Section, Vector, quantity
 from spacerobot.dynamics.rotations import (
     quaternion_from_rotation,
     rotation_exp,
@@ -38,7 +39,6 @@ from spacerobot.elements.core.contribution import State, memory
 from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.failure import Failure, failing
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.section import MAX_SAMPLES, SIGNALS_UNIT, Section, Vector, quantity
 
 
 class SensorErrors(Section):

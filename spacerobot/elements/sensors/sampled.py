@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from spacerobot.common.section import MAX_SAMPLES, SIGNALS_UNIT, quantity
 from spacerobot.elements.core.context import Affine
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.sensors.sensor import Sensor
-from spacerobot.section import MAX_SAMPLES, SIGNALS_UNIT, quantity
 
 
 @register

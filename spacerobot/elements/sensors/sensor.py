@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 from pydantic import Field
 
+from spacerobot.common.registry import required
 from spacerobot.elements.core.context import Affine
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.section_context import SectionContext
@@ -18,7 +19,6 @@ from spacerobot.elements.sensors.measurement import (
     SensorFailure,
     misalignment,
 )
-from spacerobot.registry import required
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal
 import casadi as ca
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import Vector, quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.shapes.collision_shape import CollisionShape, DrawnGeometry, Wrapping
-from spacerobot.section import Vector, quantity
 from spacerobot.shapes import CrownedTerm, Nearest, Shape, Support
 from spacerobot.shapes.points import to_box
 

@@ -10,12 +10,12 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import required
+from spacerobot.common.section import OneOf, Vector, quantity
 from spacerobot.elements.core.element import Element
 from spacerobot.elements.core.registry import kinds
 from spacerobot.elements.core.section_context import SectionContext
-from spacerobot.registry import required
-from spacerobot.section import OneOf, Vector, quantity
 from spacerobot.shapes import Nearest, Shape, Support
 
 if TYPE_CHECKING:

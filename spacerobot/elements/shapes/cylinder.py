@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Literal
 import casadi as ca
 import numpy as np
 
+from spacerobot.common.section import quantity
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.shapes.collision_shape import CollisionShape, DrawnGeometry
-from spacerobot.section import quantity
 from spacerobot.shapes import CrownedTerm, Nearest, Shape, Support
 from spacerobot.shapes.points import to_cylinder
 

@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import Vector
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.core.section_context import SectionContext
 from spacerobot.elements.shapes.collision_shape import CollisionShape, DrawnGeometry
-from spacerobot.section import Vector
 from spacerobot.shapes import SmoothTerm, Support
 
 POWER = 32

@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from spacerobot.common.registry import registered
+from spacerobot.common.section import Section
 from spacerobot.exports.export_format import ExportFormat, Source
-from spacerobot.registry import registered
 from spacerobot.scene import Scene
-from spacerobot.section import Section
 
 
 class ControllerCodeOptions(Section):
@@ -34,11 +34,11 @@ class ControllerCode(ExportFormat):
 
     def write(self, source: Scene, path: Path, options: ControllerCodeOptions) -> None:
         """Write a folder; see :func:`spacerobot.flightcode.package.write_package`."""
+        from spacerobot.closedloop.loop_cache import cached_closed_loop
         from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
         from spacerobot.flightcode.extract import onboard_software
         from spacerobot.flightcode.flyable import prepared_scene
         from spacerobot.flightcode.package import write_package
-        from spacerobot.loop_cache import cached_closed_loop
 
         scene = prepared_scene(source)
         software = onboard_software(scene, cached_closed_loop(scene, kind=OnboardLoopBuilder))

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from spacerobot.api.results import PlanResult
+from spacerobot.common.registry import registered
 from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
 from spacerobot.exports.signals import signals
-from spacerobot.registry import registered
 from spacerobot.result import Result
 
 

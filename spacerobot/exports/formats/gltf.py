@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.optional import optional_module
+from spacerobot.common.registry import registered
 from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
 from spacerobot.exports.link_motion import WORLD, link_motions, pose_of
-from spacerobot.optional import optional_module
-from spacerobot.registry import registered
 from spacerobot.result import Result
 from spacerobot.scene import Scene
 

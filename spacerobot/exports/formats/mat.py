@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from spacerobot.api.results import PlanResult
+from spacerobot.common.registry import registered
 from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
 from spacerobot.exports.signals import time_variables
-from spacerobot.registry import registered
 from spacerobot.result import Result
 
 

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from spacerobot.common.optional import optional_module
+from spacerobot.common.registry import registered
+from spacerobot.common.section import Section
 from spacerobot.exports.export_format import ExportFormat
-from spacerobot.optional import optional_module
-from spacerobot.registry import registered
 from spacerobot.result import Result
 from spacerobot.scenario.load import to_yaml
-from spacerobot.section import Section
 
 EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 

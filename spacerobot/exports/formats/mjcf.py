@@ -11,14 +11,14 @@ import pinocchio as pin
 from lxml import etree
 from pydantic import Field
 
-from spacerobot.arrays import Array
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.registry import registered
+from spacerobot.common.section import Section
 from spacerobot.exports.export_format import ExportFormat, Source
 from spacerobot.exports.mjcf_bodies import Wheels, coordinates, mjcf, motors, numbers, pose
-from spacerobot.registry import registered
 from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneShape
-from spacerobot.section import Section
 
 UNTOUCHED = 'contype="0" conaffinity="0"'
 """Attributes of geometries that touch nothing but what a pair names."""

@@ -7,11 +7,11 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from spacerobot.common.registry import registered
+from spacerobot.common.section import Section
 from spacerobot.exports.export_format import ExportFormat, Source
 from spacerobot.fmu import build_fmu
-from spacerobot.registry import registered
 from spacerobot.scene import Scene
-from spacerobot.section import Section
 
 
 class PlantOptions(Section):

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.registry import registered
+from spacerobot.common.arrays import Array
+from spacerobot.common.registry import registered
 from spacerobot.samplers.sampler import Sampler, SamplingPlan
 
 

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.optional import optional_module
-from spacerobot.registry import registered
+from spacerobot.common.arrays import Array
+from spacerobot.common.optional import optional_module
+from spacerobot.common.registry import registered
 from spacerobot.samplers.sampler import Sampler, SamplingPlan
 
 

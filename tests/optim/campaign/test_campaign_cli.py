@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from optim.campaign import load_campaign
 from optim.campaign.rollouts.gain_sets import controllers, gain_sets
-from spacerobot.errors import ScenarioError
-from spacerobot.registry import COMMANDS
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.registry import COMMANDS
 from tests import forks
 from tests.oracles import one_arm
 

@@ -11,7 +11,7 @@ from optim.campaign import LocalExecutor, load_campaign, run_campaign
 from optim.campaign.cluster import DaskExecutor
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.workers.cluster import connect
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 distributed = pytest.importorskip("distributed")
 

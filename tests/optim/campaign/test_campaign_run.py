@@ -12,7 +12,7 @@ from optim.campaign.rollouts.evaluator import all_draws, build_evaluator
 from optim.campaign.run import ChunkQueue, LocalExecutor, run_campaign, sized
 from optim.campaign.store.folder import CampaignStore
 from optim.campaign.store.netcdf import load_campaign
-from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.common.errors import ResultError, ScenarioError
 from spacerobot.quantities import default_metrics
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate

@@ -31,8 +31,8 @@ from optim.comparison.sweep import run_sweep
 from optim.problem.sensitivities import sensitivity
 from optim.problem.tuning_problem import build_problem
 from optim.problem.variables import at_bound
-from spacerobot.errors import ResultError, ScenarioError, SpaceRobotError
-from spacerobot.registry import COMMANDS, TUNING_METHODS
+from spacerobot.common.errors import ResultError, ScenarioError, SpaceRobotError
+from spacerobot.common.registry import COMMANDS, TUNING_METHODS
 from spacerobot.result import Result
 from tests.oracles.known_optima import quadratic
 

@@ -9,8 +9,8 @@ from optim.comparison.report import to_data
 from optim.comparison.suite import compare_suite, read_suite, scene_of
 from optim.problem.variables import variables_of
 from optim.search.session import SearchSession
-from spacerobot.errors import SpaceRobotError
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.registry import TUNING_METHODS
 
 SUITE = read_suite()
 

@@ -17,8 +17,8 @@ from optim.problem.problem import EvaluationCost
 from optim.problem.varied_parameters import vary
 from optim.search.search import Search, better
 from optim.tuning import tune
-from spacerobot.errors import ScenarioError, SpaceRobotError
-from spacerobot.registry import TUNING_METHODS
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.registry import TUNING_METHODS
 from tests.linear.scenes import arm_scene
 from tests.oracles.known_optima import (
     Walled,

@@ -21,7 +21,7 @@ from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion
 from optim.planning.verification.verify import FINER, between_points
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.shapes import Shape, held_gap
 

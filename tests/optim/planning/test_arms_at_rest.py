@@ -6,7 +6,7 @@ import pytest
 import scipy.linalg
 
 from optim.planning.formulation.formulate import formulate
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 
 
 def settled(reach, *, orientation):

@@ -27,7 +27,7 @@ from optim.planning.verification.verify import RELATIVE, VerificationResult, ver
 from spacerobot.api.results import PlanResult
 from spacerobot.cli.app import app
 from spacerobot.cli.output import show
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.result import Result
 from spacerobot.scene import load_scene
 from viz.figures.plan import base_motion, plan_bases

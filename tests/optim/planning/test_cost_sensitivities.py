@@ -8,7 +8,7 @@ from optim.planning.solver.ipopt import solve
 from optim.planning.studies.cost_sensitivities import cost_sensitivities
 from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.instant_functions import build_instants
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 
 LIMIT = 0.6
 COARSE = [("plan.intervals", 4), ("plan.tolerance", 1.0), ("plan.limits.base_rotation_deg", LIMIT)]

@@ -9,7 +9,7 @@ import yaml
 from optim.planning.output.study_folder import to_data, write
 from optim.planning.studies import design_study
 from optim.planning.studies.design_study import make_study
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_independent_checks import RAIL, to
 from viz.figures.design_study import study as drawn

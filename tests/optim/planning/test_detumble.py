@@ -11,7 +11,7 @@ from optim.planning.formulation.grasps import tip_slip
 from optim.planning.output.plan_folder import FOLLOWED, dataset, write
 from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 

@@ -16,7 +16,7 @@ from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.instant_functions import build_instants
 from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.phase_chain import PhaseChain
-from spacerobot.errors import NoPlanError
+from spacerobot.common.errors import NoPlanError
 
 QUICK = [("plan.intervals", 4), ("plan.tolerance", 1.0)]
 

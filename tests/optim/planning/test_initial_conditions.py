@@ -6,7 +6,7 @@ import yaml
 
 from optim.planning.output.following_scenario import following_scenario
 from optim.planning.search.make_plan import make_plan
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 from tests.optim.planning.test_independent_checks import RAIL, scene, to
 

@@ -13,7 +13,7 @@ import yaml
 from optim.planning.formulation.formulate import formulate
 from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.plan import PlanSection
 from tests import forks

@@ -6,7 +6,7 @@ import pytest
 
 from optim.planning.output.plan_folder import dataset
 from optim.planning.search.make_plan import make_plan
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 
 CHEAP = [("plan.order", 4), ("plan.intervals", 8), ("plan.tolerance", 1e-3), ("plan.costs", {"torque": 1})]
 EYE = {

@@ -10,7 +10,7 @@ from optim.planning.mpc.horizon import Horizon
 from optim.planning.mpc.measured_state import measured_state, readings_of
 from optim.planning.search.plan_solver import PlanSolver
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.rollout import build_rollout
 from spacerobot.rollout.resumable_loop import end_of, joined, resumed, start_of
 from spacerobot.scene import load_scene

@@ -5,7 +5,7 @@ import pytest
 
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.evaluation import batch, gradient
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.simulation import simulate
 from tests.optim.planning.test_mpc import FLIGHT, SLOW
 

@@ -13,7 +13,7 @@ import spacerobot as sr
 from optim.planning.formulation.formulate import formulate
 from optim.planning.mpc.handover import Handover
 from optim.planning.mpc.horizon import Horizon
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from tests.oracles import one_arm
 
 FILTER = {"kind": "inertia_filter", "tip": "tip", "frame": "mate_1", "period": 0.05, "com_deviation": 0.2}

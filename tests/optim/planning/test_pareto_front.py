@@ -21,7 +21,7 @@ from optim.planning.studies.pareto_front import (
     make_front,
 )
 from spacerobot.cli.app import app
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from viz.figures.pareto_front import front as draw_front
 
 QUICK = [("plan.intervals", 4), ("plan.tolerance", 1.0), ("plan.limits.torque", 5), ("plan.iterations", 40)]

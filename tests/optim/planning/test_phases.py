@@ -12,7 +12,7 @@ from optim.planning.output.plan_folder import FOLLOWED, dataset, write
 from optim.planning.search.make_plan import make_plan
 from optim.planning.studies.cost_sensitivities import cost_sensitivities
 from optim.planning.studies.pareto_front import FrontRequest, make_front
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 

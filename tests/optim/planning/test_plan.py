@@ -20,7 +20,7 @@ from optim.planning.transcription.lobatto import Lobatto
 from optim.planning.transcription.mesh import Mesh
 from optim.planning.transcription.motion import Motion, PhasedMotion
 from optim.planning.verification.replay import fastest_rate, replay_motion, tip_errors
-from spacerobot.errors import NoPlanError, ScenarioError
+from spacerobot.common.errors import NoPlanError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 

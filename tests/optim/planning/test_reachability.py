@@ -9,7 +9,7 @@ from optim.planning.formulation.formulate import formulate
 from optim.planning.search import plan_solver as solvers
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.search.reachability import check_posture
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 
 

@@ -11,7 +11,7 @@ from optim.planning.formulation.instant_view import InstantView
 from optim.planning.formulation.stage import DrivenCoordinates, Stage
 from optim.planning.output.plan_folder import FOLLOWED, write
 from optim.planning.search.make_plan import make_plan
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 

@@ -27,7 +27,7 @@ from optim.planning.transcription.mesh_transfer import solve_from, transfer_rema
 from optim.planning.transcription.motion import Motion
 from optim.planning.verification.verify import first_order_residual
 from spacerobot.cli.app import app
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from optim.planning.formulation.reaction_wheels import wheel_driven_bases
 from optim.planning.output.plan_folder import FOLLOWED, summary, write
 from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.actuators.thrusters import Thrusters
-from spacerobot.errors import ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 

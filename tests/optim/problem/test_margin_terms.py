@@ -8,7 +8,7 @@ from optim.problem.margin_terms import MarginTerms
 from optim.robust.problem import build_robust
 from optim.tuning import TuningResult
 from spacerobot.closedloop import build_closed_loop
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.linear import margins
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import build_scene

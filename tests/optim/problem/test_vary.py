@@ -4,7 +4,7 @@ import pytest
 
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.varied_parameters import vary
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scene import load_scene
 
 

@@ -9,7 +9,7 @@ from optim.reliability.design_points import QUIET, converge, search_design_point
 from optim.reliability.estimator import SamplingEffort
 from optim.reliability.limit_state import CountedLimitState
 from optim.reliability.probability import estimate_probability, search_warnings
-from spacerobot.registry import ESTIMATORS
+from spacerobot.common.registry import ESTIMATORS
 
 NAMES = tuple("abcde")
 ALONG = np.array([0.6, -0.3, 0.2, 0.1, -0.7])

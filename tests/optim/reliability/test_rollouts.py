@@ -12,7 +12,7 @@ from optim.campaign.sampling.samplers import draw, probabilities, quantiles, sco
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
 from optim.search.session import SearchSession
 from spacerobot.cli.app import app
-from spacerobot.errors import DivergedError, ScenarioError, SpaceRobotError
+from spacerobot.common.errors import DivergedError, ScenarioError, SpaceRobotError
 from spacerobot.scenario import UncertainParameter
 
 FEW = sr.SamplingEffort(budget=1000)

@@ -10,7 +10,7 @@ from optim.methods.settings import effort_of
 from optim.problem.objectives import OBJECTIVE
 from optim.robust.problem import Statistic, build_robust, describe, tune_robust
 from optim.search.session import SearchSession
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.scene import load_scene
 
 TUNING = {

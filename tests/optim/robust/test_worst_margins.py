@@ -7,7 +7,7 @@ import pytest
 
 from optim.problem.varied_parameters import vary
 from optim.robust.worst_margins import worst_margins
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.linear import margins
 from spacerobot.scene import build_scene
 from tests.linear.scenes import arm_scene

@@ -17,7 +17,7 @@ from optim.methods.nlp import solve_from_many
 from optim.methods.settings import EvolutionSettings, NlpSettings
 from optim.search.journal import Journal
 from optim.search.search import Search
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from tests import forks
 from tests.oracles.known_optima import quadratic, rosenbrock
 

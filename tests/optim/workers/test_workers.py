@@ -19,7 +19,7 @@ from optim.search.search import Search
 from optim.tuning import tune
 from optim.workers import Threads
 from optim.workers.concurrent_searches import TurnLock
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from tests.oracles.known_optima import constrained, quadratic, rosenbrock
 
 distributed = pytest.importorskip("distributed")

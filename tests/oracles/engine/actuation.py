@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import Actuator
 from spacerobot.elements.actuators.base_wrench import BaseWrench
 from spacerobot.elements.actuators.joint_failure import JointFailure

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.base_attitude import BaseAttitude
 from spacerobot.elements.controllers.base_position import BasePosition
 from spacerobot.scene import Scene, SceneBody

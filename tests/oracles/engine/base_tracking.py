@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.interpolate import KroghInterpolator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.base_plan import PLANAR, SPATIAL
 from spacerobot.elements.controllers.base_tracking import BaseTracking
 from spacerobot.elements.controllers.mpc import Mpc

@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.optimize import brentq
 from scipy.special import lambertw
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import Contact
 from spacerobot.elements.contacts.hunt_crossley import HuntCrossley
 from spacerobot.pinocchio_engine.crowned_distance import shape_distance

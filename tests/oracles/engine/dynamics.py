@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import SceneGrasp
 from tests.oracles.engine.actuation import Delivered, Push
 from tests.oracles.engine.contacts import Pressure

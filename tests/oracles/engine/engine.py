@@ -12,7 +12,7 @@ import pinocchio as pin
 
 import tests.oracles.engine.transmissions
 import tests.oracles.engine.wheels  # noqa: F401 (registers its kinds)
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.pinocchio_engine.mechanical_state import configuration_rate, coordinates
 from spacerobot.scene import Scene, SceneGrasp
 from tests.oracles.engine.actuation import Now, Spinning

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import Environment
 from spacerobot.elements.environments.orbit import Orbit
 from spacerobot.scene import Scene

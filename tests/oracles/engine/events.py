@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError, near_names
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.scenario.phases import END, Limit, Settled, successors
 from spacerobot.scene import SceneGrasp
 from spacerobot.scene.scene import SceneContact

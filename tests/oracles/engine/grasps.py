@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import Grasp
 from spacerobot.elements.grasps.compliant import Compliant
 from spacerobot.elements.grasps.point import Point

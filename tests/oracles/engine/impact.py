@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from tests.oracles.engine.engine import Engine
 from tests.oracles.engine.grasps import Constraint, grasp_of
 from tests.oracles.engine.kinematics import Kinematics

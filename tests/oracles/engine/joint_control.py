@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import KroghInterpolator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
 from spacerobot.elements.controllers.joint_plan import JointPlanController
 from spacerobot.elements.controllers.policy import Policy

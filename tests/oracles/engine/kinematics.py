@@ -11,7 +11,7 @@ from typing import Any
 
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 
 

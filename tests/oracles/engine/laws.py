@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements import Element
-from spacerobot.errors import ScenarioError
 
 
 def refusal(element: Element) -> ScenarioError:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.grasps.capture import Capture
 from spacerobot.scene import Scene, SceneGrasp
 from tests.oracles.engine.grasps import Relative, Rest, mask

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import SceneGrasp
 from tests.oracles.engine.contacts import Touch, touches
 from tests.oracles.engine.engine import Engine, Instant

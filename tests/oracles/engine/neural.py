@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.neural import Neural
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.kinematics import Kinematics, rotation_vector

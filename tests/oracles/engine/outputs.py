@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.base_attitude import BaseAttitude
 from spacerobot.elements.controllers.base_position import BasePosition
 from tests.oracles.engine.base_control import BaseController

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene
 from tests.oracles.engine.actuation import Push
 from tests.oracles.engine.kinematics import Kinematics, cross

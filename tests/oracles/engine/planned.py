@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import KroghInterpolator
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.references.knot_motion import ends_of, slices_of
 from spacerobot.elements.references.plan import PlanReference
 from spacerobot.elements.references.plan_following import PhasedPlan, TipMotion

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import Reference
 from spacerobot.elements.references.brake import Brake
 from spacerobot.elements.references.circle import Circle

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.polynomial import Polynomial
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.references.rendezvous import Rendezvous
 from tests.oracles.engine.kinematics import Kinematics, cross, rotation_vector
 from tests.oracles.engine.references import Begins, Leads, Motion, leading

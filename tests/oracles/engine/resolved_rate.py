@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import null_space
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.resolved_rate import ResolvedRate
 from spacerobot.scene import Scene, SceneBody, SceneTip
 from tests.oracles.engine.actuation import base_columns

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import RobotController
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.kinematics import Kinematics

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.sensors.sampled import Sampled
 from spacerobot.scene import Scene, SceneTip
 from spacerobot.scene.scene import SceneReference

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.pinocchio_engine import PinocchioTrajectory
 from spacerobot.pinocchio_engine.simulate import roll_out
 from spacerobot.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import lsq_linear, nnls
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.actuators.allocation import EVEN, NEAREST
 from spacerobot.elements.actuators.thrusters import GRAVITY, WHOLE, Nozzle, Thrusters
 from spacerobot.elements.core.clock import EARLY

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements import TipController
 from spacerobot.elements.controllers.admittance import Admittance
 from spacerobot.elements.controllers.hybrid_force import HybridForce

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
+from spacerobot.common.section import matching
 from spacerobot.elements.actuators.transmission import Transmission
 from spacerobot.scene import Scene, SceneBody
-from spacerobot.section import matching
 from tests.oracles.engine.actuation import Delivered, Now, Push, Stored, delivery_of
 from tests.oracles.engine.kinematics import Kinematics
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.elements.actuators.wheel_joints import WheelJoints
 from spacerobot.elements.actuators.wheel_set import PULL, SLACK, WheelSet

@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.text import Text
 
-from spacerobot.errors import ResultError
-from spacerobot.paper import FIGURE_7_MM, FIGURE_10_MM
+from spacerobot.common.errors import ResultError
 from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
+from spacerobot.simulation.paper import FIGURE_7_MM, FIGURE_10_MM
 from tests.oracles import one_arm
 from tests.oracles.small_scenes import PLANAR, small_scene
 from viz.figures import (

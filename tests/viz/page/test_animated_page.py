@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.errors import ResultError
 from spacerobot.description import shipped_urdf_folder
-from spacerobot.errors import ResultError
 from spacerobot.result.result import Result
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import load_scene

@@ -12,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from spacerobot.registry import COMMANDS
+from spacerobot.common.registry import COMMANDS
 from spacerobot.scene import load_scene
 from viz.page.live import LiveViewer
 from viz.page.loopback import ADDRESS

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import viz
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from viz.page.es_modules import joined
 
 WEB = Path(viz.__file__).parent / "web"

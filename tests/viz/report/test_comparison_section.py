@@ -7,7 +7,7 @@ from shutil import copytree, rmtree
 import pytest
 
 from optim.comparison import tables
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from viz.report.comparison_section import comparison_report, comparison_section
 
 

@@ -15,10 +15,10 @@ from optim.methods.run_method import MethodOutcome
 from optim.problem.problem import EvaluationCost
 from optim.search.search import SearchRun
 from optim.tuning import TuningResult
-from spacerobot.errors import ResultError
-from spacerobot.registry import COMMANDS
+from spacerobot.common.errors import ResultError
+from spacerobot.common.registry import COMMANDS
+from spacerobot.common.tables import content_html
 from spacerobot.result.result import Result
-from spacerobot.tables import content_html
 from viz.figures import draw_all, figure_kinds
 from viz.figures.collect import with_common_tips
 from viz.figures.docking import docking

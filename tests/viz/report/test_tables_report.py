@@ -6,7 +6,7 @@ import xarray as xr
 
 import spacerobot as sr
 from optim.evaluation import BatchResult
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from spacerobot.linear.loop_margins import FILE, UNITS
 from spacerobot.result.events import event_table
 

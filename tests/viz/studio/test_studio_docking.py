@@ -4,8 +4,8 @@ import re
 
 import pytest
 
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.drafting import DraftRequest, draft_capture
-from spacerobot.errors import SpaceRobotError
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from spacerobot.result import Result
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_document

@@ -9,7 +9,7 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import spacerobot as sr
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from tests.viz.page.test_live_viewer import UPGRADE
 from viz.page.loopback import ADDRESS
 from viz.studio.messages import MOST_BYTES, MOST_VALUES, read

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.cli.options import parse_changes
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.linear import margins
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate

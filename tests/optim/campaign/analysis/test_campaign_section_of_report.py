@@ -12,7 +12,7 @@ from optim.campaign import LocalExecutor, load_campaign, reopen, run_campaign, s
 from optim.campaign.analysis.sentences import stepping
 from optim.campaign.sampling.parameter_space import sensor_offsets
 from optim.campaign.store.run_settings import ScenarioSource
-from spacerobot.errors import DivergedError, ResultError
+from spacerobot.common.errors import DivergedError, ResultError
 from spacerobot.scenario import UncertainParameter
 from spacerobot.scene import load_scene
 from viz.report.campaign_data import campaign_page, first_page

@@ -15,8 +15,8 @@ from optim.campaign.run import run_campaign
 from optim.campaign.store.netcdf import load_campaign
 from optim.campaign.store.run_settings import ScenarioSource
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.core import registry
-from spacerobot.errors import ScenarioError
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import get
 from spacerobot.scene import build_scene

@@ -3,7 +3,7 @@
 import pytest
 
 from optim.campaign.sampling.parameter_space import campaign_of, check_range, gain_set, resolve_space
-from spacerobot.errors import ScenarioError
+from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario.document import read_document
 from spacerobot.scenario.load import to_yaml, validate
 from spacerobot.scenario.paths import assign

@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.stats import qmc
 
 from optim.campaign.sampling.samplers import draw
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.scenario import Campaign
 
 KINDS = {

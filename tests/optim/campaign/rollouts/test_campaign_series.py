@@ -16,7 +16,7 @@ from optim.campaign.rollouts.evaluator import all_draws, build_evaluator
 from optim.campaign.rollouts.series import RecordedSignal, SignalRecording, check_size
 from optim.campaign.run import ChunkQueue, most_samples
 from optim.campaign.store.netcdf import block_rows, blocks
-from spacerobot.errors import ResultError, ScenarioError
+from spacerobot.common.errors import ResultError, ScenarioError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 

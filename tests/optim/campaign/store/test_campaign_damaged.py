@@ -10,7 +10,7 @@ import xarray as xr
 
 from optim.campaign.run import run_campaign
 from optim.campaign.store.load_evaluator import reopen
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 from viz.report.campaign_data import campaign_page
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from optim.campaign.rollouts.evaluator import SampleTable
 from optim.campaign.store.folder import CampaignStore
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 
 
 def table(count):

@@ -12,10 +12,10 @@ import zlib
 import numpy as np
 import pytest
 
-from spacerobot import loop_cache as kept
+from spacerobot.closedloop import loop_cache as kept
+from spacerobot.closedloop.loop_cache import SUFFIX, cached_closed_loop
+from spacerobot.common.errors import ScenarioError, SpaceRobotWarning
 from spacerobot.elements.core import registry
-from spacerobot.errors import ScenarioError, SpaceRobotWarning
-from spacerobot.loop_cache import SUFFIX, cached_closed_loop
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import load_scene
 from tests.oracles import one_arm
@@ -71,7 +71,7 @@ def test_the_second_time_nothing_is_built_and_nothing_differs(file, folder, buil
 
 def test_another_process_finds_it(file, folder, builds):
     program = (
-        "from spacerobot import loop_cache; from spacerobot.scene import load_scene;"
+        "from spacerobot.closedloop import loop_cache; from spacerobot.scene import load_scene;"
         f"loop_cache.cached_closed_loop(load_scene({str(file)!r}))"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

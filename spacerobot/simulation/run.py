@@ -13,10 +13,10 @@ import numpy as np
 
 from spacerobot.closedloop import ClosedLoop, find_fastest_rate
 from spacerobot.closedloop.loop_builder import LoopBuilder
+from spacerobot.closedloop.loop_cache import cached_closed_loop
 from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
-from spacerobot.errors import DivergedError
-from spacerobot.files import StrPath
-from spacerobot.loop_cache import cached_closed_loop
+from spacerobot.common.errors import DivergedError
+from spacerobot.common.files import StrPath
 from spacerobot.result import Result
 from spacerobot.result.dataset import build_dataset
 from spacerobot.result.events import build_events

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import spacerobot as sr
-from spacerobot.errors import ScenarioError
-from spacerobot.orbit_states import MU, read_orbit, rendezvous_start
+from spacerobot.common.errors import ScenarioError
+from spacerobot.scenario.orbit_states import MU, read_orbit, rendezvous_start
 
 # case of Vallado's verification of SGP4 (AIAA 2006-6753): state in TEME at 0 min [km, km/s]
 TLE = (

@@ -20,7 +20,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
-from spacerobot.errors import near_names
+from spacerobot.common.errors import near_names
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
 """Name of a robot, tip or grasp: letters, digits, ``_`` and ``-``, so that dotted paths stay unambiguous."""

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import spacerobot as sr
-from spacerobot.abort_drift import advance_attitudes, drifted_centre
 from spacerobot.cli.app import app
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
+from spacerobot.result.abort_drift import advance_attitudes, drifted_centre
 from tests.oracles.balls import body, scene
 from tests.oracles.small_scenes import folder
 
@@ -289,7 +289,7 @@ def test_a_clearance_that_is_none_is_refused(balls, clearance):
 
 
 def test_a_longest_drift_that_is_proposed_is_accepted(balls, monkeypatch):
-    monkeypatch.setattr("spacerobot.abort_drift.MAX_STATES", 1000)
+    monkeypatch.setattr("spacerobot.result.abort_drift.MAX_STATES", 1000)
     with pytest.raises(SpaceRobotError) as caught:
         sr.passive_safety(balls, duration_s=1e5)
     longest = float(str(caught.value).partition("drift for ")[2].partition(" s")[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from spacerobot.errors import SpaceRobotError
+from spacerobot.common.errors import SpaceRobotError
 
 
 def optional_module(module: str, extra: str, purpose: str) -> Any:

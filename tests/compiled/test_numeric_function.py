@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from spacerobot.numeric_function import NumericFunction
+from spacerobot.compiled.numeric_function import NumericFunction
 
 T, X, M = ca.SX.sym("t"), ca.SX.sym("x", 4), ca.SX.sym("m", 2, 3)
 SX_FUNCTION = ca.Function(

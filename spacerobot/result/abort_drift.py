@@ -29,12 +29,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError, SpaceRobotError
+from spacerobot.common.tables import Table, Tabular
 from spacerobot.result import Result
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.overlaps import Solid, solids
-from spacerobot.tables import Table, Tabular
 
 TURN = 0.05
 """Greatest rotation [rad] in a step of the integration of attitudes."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeAlias
 
-from spacerobot.errors import ResultError
+from spacerobot.common.errors import ResultError
 
 try:
     import fcntl

@@ -1,7 +1,7 @@
 """Closed loops cached with the compiled libraries, so that what was simulated before is not built again.
 
 An entry is named by everything that a closed loop is built from: the resolved scenario, the URDFs, the model,
-the source of this package and the versions of the libraries below it. Loading one runs what it says, as
+the source of spacerobot and the versions of the libraries below it. Loading one runs what it says, as
 loading a compiled library does: it is taken from the user's own folder alone, that of the libraries.
 """
 
@@ -109,8 +109,8 @@ class SceneContent:
 
 @functools.cache
 def _code() -> str:
-    """Hash of this package's source."""
-    package = Path(__file__).parent
+    """Hash of the source of spacerobot."""
+    package = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         digest.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from spacerobot.arrays import Array
-from spacerobot.errors import ScenarioError
-from spacerobot.files import StrPath
-from spacerobot.optional import optional_module
+from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.files import StrPath
+from spacerobot.common.optional import optional_module
 
 MU = 3.986004418e14
 """Gravitational parameter of the Earth [m^3/s^2], the orbit environment's default."""

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.arrays import Array
+from spacerobot.common.arrays import Array
 
 
 class NumericFunction:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
-from spacerobot.errors import SpaceRobotError, near_names
+from spacerobot.common.errors import SpaceRobotError, near_names
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 _REQUIREMENT = "__required__"

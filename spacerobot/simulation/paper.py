@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from spacerobot.files import StrPath
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.result import Result, check_folder
 from spacerobot.scene import Scene, load_scene
-from spacerobot.simulation import simulate
-from spacerobot.tables import Content, Table, Tabular
+from spacerobot.simulation.run import simulate
 
 AXES = (("rpr1/tip", "x"), ("rpr1/tip", "y"), ("rpr2/tip", "x"), ("rpr2/tip", "y"))
 """Columns of the paper's results."""
