@@ -2,7 +2,8 @@
 
 The problem is that of Sow, Gutow, Choset and Manchester 2024 (arXiv:2405.00867), the scenario
 ``soft-capture``.
-``python -m benchmarks.soft_capture FILE [FIRST LAST]`` plans draws and adds them to a file, line by line.
+``python -m benchmarks.soft_capture FILE [FIRST LAST]`` plans draws and adds them to a file, line by line; draws
+that are in the file already are left out, so that an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ TARGET = np.array([[5.89056, -1.37725e-7, 2.97917e-8], [0, 11.4462, 0.233516], [
 THRUST, SPEED, SPIN = 100.0, 1.5, 0.2
 POSITION, VELOCITY = 0.35, 0.03
 CONE, VIEW = np.radians(30), np.radians(30)
-CONE_TIME = 5.0
+CONE_TIME = 4.0
+"""Time between the first and the last of the five points, 1 s apart, at which the cone is published [s]."""
 ALLOWED = 1e-3
 """Excess over a limit that counts as none, relative to it: the planner's own."""
 
@@ -277,12 +279,19 @@ def row() -> list[Row]:
     ]
 
 
+def missing_draws(path: Path, first: int, last: int) -> list[int]:
+    """Indices from ``first`` to below ``last`` of the draws that a file of results lacks."""
+    lines = path.read_text().splitlines() if path.exists() else []
+    measured = {json.loads(line)["draw"] for line in lines}
+    return [k for k in range(first, last) if k not in measured]
+
+
 def main() -> None:
     """Plan draws and append their results to a file."""
     path, *numbers = sys.argv[1:]
     first, last = (int(number) for number in numbers) if numbers else (0, DRAWS)
-    for k, draw in enumerate(draws()[first:last], first):
-        line = json.dumps({"draw": k, **planned(draw)})
+    for k in missing_draws(Path(path), first, last):
+        line = json.dumps({"draw": k, **planned(draws()[k])})
         with Path(path).open("a") as file:
             file.write(line + "\n")
 

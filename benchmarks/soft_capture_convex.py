@@ -22,7 +22,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from benchmarks.soft_capture import DRAWS, MASS, PORT, RATE, TARGET, Draw, draws, symmetric
+from benchmarks.soft_capture import DRAWS, MASS, PORT, RATE, TARGET, Draw, draws, missing_draws, symmetric
 from spacerobot.common.arrays import Array
 from spacerobot.scene import load_scene
 
@@ -190,8 +190,8 @@ def main() -> None:
     """Solve draws and append their results to a file."""
     path, *numbers = sys.argv[1:]
     first, last = (int(number) for number in numbers) if numbers else (0, DRAWS)
-    for k, draw in enumerate(draws()[first:last], first):
-        line = json.dumps({"draw": k, **solved(draw)})
+    for k in missing_draws(Path(path), first, last):
+        line = json.dumps({"draw": k, **solved(draws()[k])})
         with Path(path).open("a") as file:
             file.write(line + "\n")
 

@@ -30,6 +30,9 @@ from optim.planning.verification.verify import VerificationResult, course_collis
 
 BARRIER = 1e-4
 """Barrier parameter relative to the cost, for a start from another problem's solution."""
+WARM_BARRIER, SHORT = 1e-2, 40
+"""Barrier parameter relative to the cost, and maximum number of iterations, of a search that starts from the
+solution without the distances of shapes."""
 NEAR_BARRIER = 1e-5
 """Barrier parameter in segments between jumps, which start without multipliers."""
 
@@ -178,7 +181,8 @@ class _SolverRuns:
         many = self.solver.plan.intervals
         meshes = self.solver.meshes(many)
         if is_guided(self.problem):  # by an approach, which a coarse mesh of a tumbling target would lose
-            self._guessed(meshes)
+            if not self._around_shapes(meshes):
+                self._guessed(meshes)
         elif many < MANY:
             coarser = many // COARSER
             solved = self._guessed(meshes, give_up=coarser > 1)
@@ -352,6 +356,28 @@ class _SolverRuns:
         impulses = tuple(np.zeros(link.impulses) for link in solver.links)
         return self._solve(PhasedMotion(tuple(motions), impulses), meshes, give_up=give_up)
 
+    def _around_shapes(self, meshes: Meshes) -> bool:
+        """Solve without the distances of shapes, then with them from that solution.
+
+        The gradient of a distance jumps where another face comes nearest, so that a search from a guess that
+        passes through a shape often diverges; the solution without distances is mostly clear of them or
+        nearly so. The second search is abandoned early, because it may start deep inside a shape.
+        """
+        shapes = [row.name for row in self.problem.path if row.about is not None]
+        if not shapes:
+            return False
+        self.margins = dict.fromkeys(shapes, -np.inf)
+        is_solved = self._guessed(meshes)
+        self.margins = {}
+        if not is_solved:
+            return False
+        assert self.kept is not None
+        solution, cost = self.kept[0], self.cost
+        near = SolveResult((), solution, meshes, cost, None, "")
+        self.kept, self.cost = None, np.inf
+        warm = dataclasses.replace(solution, barrier=max(solution.barrier, WARM_BARRIER))
+        return self._solve(self.solver.phased_motion(self.request, near), meshes, warm, iterations=SHORT)
+
     def _finer(self, wanted: Meshes) -> bool:
         """Solve on a finer mesh from the present solution."""
         assert self.kept is not None
@@ -385,6 +411,7 @@ class _SolverRuns:
         warm: Solution | None = None,
         *,
         give_up: bool = False,
+        iterations: int | None = None,
     ) -> bool:
         solver, costs, violations = self.solver, list[float](), list[float]()
         program = solver.program(self.request, meshes, self.margins)
@@ -407,8 +434,9 @@ class _SolverRuns:
             return False
         guessed = program.objective(first)
         scale = _size(self.cost if np.isfinite(self.cost) else guessed)
+        iterations = min(solver.plan.iterations, iterations or solver.plan.iterations)
         solution = solve(
-            program, first, warm, scale=scale, iterations=solver.plan.iterations, on_iteration=on_iteration
+            program, first, warm, scale=scale, iterations=iterations, on_iteration=on_iteration
         )
         cost, converged = program.objective(solution.w), solution.converged
         self.runs.append(
