@@ -2,8 +2,8 @@
 
 The problem is that of Sow, Gutow, Choset and Manchester 2024 (arXiv:2405.00867), the scenario
 ``soft-capture``.
-``python -m benchmarks.soft_capture FILE [FIRST LAST]`` plans draws and adds them to a file, line by line; draws
-that are in the file already are left out, so that an interrupted run resumes.
+``python -m benchmarks.soft_capture FILE [FIRST LAST]`` plans draws and adds them to a file, line by line.
+Draws in the file are left out, so that an interrupted run resumes.
 """
 
 from __future__ import annotations

@@ -435,9 +435,7 @@ class _SolverRuns:
         guessed = program.objective(first)
         scale = _size(self.cost if np.isfinite(self.cost) else guessed)
         iterations = min(solver.plan.iterations, iterations or solver.plan.iterations)
-        solution = solve(
-            program, first, warm, scale=scale, iterations=iterations, on_iteration=on_iteration
-        )
+        solution = solve(program, first, warm, scale=scale, iterations=iterations, on_iteration=on_iteration)
         cost, converged = program.objective(solution.w), solution.converged
         self.runs.append(
             SolverRun(

@@ -11,7 +11,7 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from benchmarks.soft_capture import Draw, draws, flown, violations, wrench_of
+from benchmarks.soft_capture import Draw, draws, flown, missing_draws, violations, wrench_of
 from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.formulation.rows import functions_of, implicit_values
 from optim.planning.search.make_plan import arrival_requests, make_plan
@@ -152,6 +152,22 @@ def test_an_approach_holds_its_limits_in_a_flight_by_other_equations():
     assert max(excess.values()) > -0.2  # and some of them are active
     states = motion.q[:, :3]
     assert np.abs(states[-1] - chaser[-1, :3]).max() < 1e-5
+
+
+def test_an_approach_is_found_from_one_that_ignores_the_hulls():
+    # from the guess, which passes through the hulls, 150 iterations diverge
+    changes = draws(18)[17].changes() | {"plan.duration.lower": 80.2, "plan.duration.upper": 80.2}
+    plan = make_plan(load_scene("soft-capture", changes), backend="interpreted")
+    assert plan.runs[0].converged
+    assert plan.runs[1].converged
+    assert not plan.verification.failures()
+
+
+def test_an_interrupted_run_of_draws_resumes(tmp_path):
+    path = tmp_path / "results.jsonl"
+    assert missing_draws(path, 1, 4) == [1, 2, 3]
+    path.write_text('{"draw": 2}\n{"draw": 7}\n')
+    assert missing_draws(path, 1, 4) == [1, 3]
 
 
 def test_few_steps_find_the_direction_between_hulls_that_all_steps_find():
