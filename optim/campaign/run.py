@@ -36,7 +36,7 @@ class CampaignProgress:
     """Progress of a campaign.
 
     Attributes:
-        phase: ``building and compiling``, ``rolling out`` or ``merging``.
+        phase: ``building the closed loop``, ``rolling out`` or ``merging``.
         done, total: Samples, each rolled out once for every set of gains; 0 where a phase begins.
         rate: Rollouts per second since this process began.
         left_s: Time likely left.
@@ -188,7 +188,7 @@ def run_campaign(
     folder = Path(folder)
     say = progress or repr
     check_place(folder)
-    say(CampaignProgress("building and compiling"))
+    say(CampaignProgress("building the closed loop"))
     evaluator = build_evaluator(scene, gains)
     draws = all_draws(evaluator)
     notes = notes_of(evaluator, named)

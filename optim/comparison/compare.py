@@ -117,12 +117,12 @@ def _entries(
     tuning, judge, judged = tuning_of(scene), None, object()
     for variant, name in chosen:
         if judge is None or judged != variant:
-            session.tell(f"{variant or 'tuning'}: building and compiling the rollout that evaluates designs")
+            session.tell(f"{variant or 'tuning'}: building the closed loop that evaluates designs")
             judge, judged = (
                 build_design_evaluator(scene, variant=variant, threads=session.workers.threads),
                 variant,
             )
-        session.tell(f"{variant or 'tuning'}, {name or 'all variables'}: building and compiling")
+        session.tell(f"{variant or 'tuning'}, {name or 'all variables'}: building the closed loop")
         variables = tuning.sets[name] if name is not None else None
         problem = build_problem(scene, variables=variables, variant=variant, workers=session.workers)
         title = "-".join(part for part in (variant, name) if part) or "tuning"

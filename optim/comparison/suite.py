@@ -82,7 +82,7 @@ def _made(
 ) -> Iterator[tuple[BenchmarkProblem, Sequence[str], Effort]]:
     """Each problem, built when its turn comes."""
     for name in chosen:
-        session.tell(f"{name}: building and compiling")
+        session.tell(f"{name}: building the closed loop")
         scene, robust = scene_of(suite, name), suite["problems"][name].get("robust")
         if robust is None:
             problem = build_problem(scene, workers=session.workers)

@@ -64,6 +64,7 @@ class LoopBuilder(LoopParts):
                 self.scene.target,
                 functools.partial(RobotSensors(self, tip.body).reading, tip.frame),
                 RobotSensors(self, tip.body).measure,
+                RobotSensors(self, tip.body).is_exact,
                 self.estimators.get(tip.body.name, Contribution()),
             )
             for tip in self.scene.tips

@@ -83,10 +83,11 @@ def core_outputs(builder: LoopBuilder, torque: ca.SX, stored: Sequence[StoredMom
 
 
 def measured_outputs(builder: LoopBuilder) -> Iterator[Output]:
-    """Outputs ``measured_SIGNAL`` with the last sample of each signal of a sampling sensor.
+    """Outputs ``measured_SIGNAL`` of each signal that a sensor with errors measures, in the order of SIGNALS.
 
-    References and estimators sample a signal separately from controllers. If several of them sample it for
-    one robot or tip, the output has the controllers' samples, otherwise those of the first estimator.
+    They are the last samples of sampling sensors, and the present readings of continuous ones. References and
+    estimators sample a signal separately from controllers. If several of them sample it for one robot or tip,
+    the output has the controllers' samples, otherwise those of the first estimator.
 
     Args:
         builder: Builder of the closed loop whose elements are all built.
@@ -96,12 +97,13 @@ def measured_outputs(builder: LoopBuilder) -> Iterator[Output]:
         for label, lead in builder.leads.items()
         for signal, value in lead.measured.items()
     }
-    for sample in (of_tips | builder.samples).values():
+    order = list(SIGNALS)
+    for sample in sorted((of_tips | builder.samples).values(), key=lambda one: order.index(one.signal)):
         value = sample.value
         if sample.body and value.size2() == 3:
             value = builder.plant.orientation_error(value, builder.first_rotations[sample.body])
         unit, text = SIGNALS[sample.signal]
-        name, text = f"{MEASURED}{sample.signal}", f"last sample: {text}"
+        name, text = f"{MEASURED}{sample.signal}", f"measured {text}"
         yield Output(name, ca.densify(value), unit, text, sample.dimension, sample.label)
 
 

@@ -40,12 +40,14 @@ class TipGuidance:
             sensors.
         measure: Function from signal, name and observation to the sampled measurement; None for a continuous
             sensor.
+        is_exact: Function that returns whether the sensor of a signal always shows the true signal.
         estimators: Contribution of the robot's estimators.
         kept: States that store the instant, pose and motion with which the present reference began, by
             a short name.
         seen: Further stored states by name, with their expressions at that instant.
         held: Last measurements of sensors, by the state's name.
-        samples: The same measurements as vectors (3x1), by signal and path of the reference.
+        samples: The same measurements, and readings of continuous sensors with errors, as vectors (3x1), by
+            signal and path of the reference.
     """
 
     tip: SceneTip
@@ -55,6 +57,7 @@ class TipGuidance:
     target: SceneBody | None
     shown: Callable[[str, ca.SX], ca.SX | None]
     measure: Callable[[str, str, Observation], Measurement | None]
+    is_exact: Callable[[str], bool]
     estimators: Contribution = field(default_factory=Contribution)
     kept: dict[str, State] = field(default_factory=dict)
     seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
@@ -132,6 +135,8 @@ class TipGuidance:
             origin = None if origin is None else changing(shown, origin)
             measurement = self.measure(signal, name, Observation(changing(shown), away, origin=origin))
             if measurement is None:
+                if not self.is_exact(signal):
+                    self.samples[signal, path] = shown
                 return shown
             self.held[name] = measurement
         self.samples[signal, path] = filled(shown, self.held[name].known)
@@ -139,7 +144,7 @@ class TipGuidance:
 
     @property
     def measured(self) -> Mapping[str, ca.SX]:
-        """Last samples (3x1 each) by signal, those of the active reference where it samples the signal."""
+        """Measured signals (3x1 each) by name, those of the active reference where it reads the signal."""
         result: dict[str, ca.SX] = {}
         for i, reference in enumerate(self.tip.references):
             for (signal, path), value in self.samples.items():

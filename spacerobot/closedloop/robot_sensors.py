@@ -34,6 +34,19 @@ class RobotSensors:
         """Sections of the sensors; None where every signal is ideal."""
         return self.body.config.sensors if isinstance(self.body.config, Robot) else None
 
+    def is_exact(self, signal: str) -> bool:
+        """Whether a sensor always shows the true signal: ideal, not varied, not overridden by a phase."""
+        if self.sections is None:
+            return True
+        path, sensor = f"{self.body.path}.sensors.{signal}", self.sections[signal]
+        parameters, phases = self.parts.context.parameters, self.parts.context.phases
+        overridden = (
+            f"phases.{phase}.{path}.{key}" in parameters
+            for phase in phases
+            for key in type(sensor).model_fields
+        )
+        return sensor.is_ideal and not parameters.varies(path) and not any(overridden)
+
     def affine(self, signal: str) -> Affine:
         """Offset and scale of a sensor, with one pair of constants however often it is read."""
         if self.sections is None:
@@ -111,6 +124,8 @@ class HeldReader:
             result = self._estimate(signal, value, world, point)
         elif reading is not None:
             result = self._sample(signal, f"{name}.{value.size1()}", reading, distance, origin)
+            if not self.sensors.is_exact(signal):
+                self._show(signal, reading if result is None else result)
         if at_motors and result is None:
             result = reading
         if parts.break_point is None:
@@ -149,12 +164,10 @@ class HeldReader:
                 measurements[name] = sampled
         if name not in measurements:
             return None
-        result = filled(reading, measurements[name].known)
-        self._show(signal, result)
-        return result
+        return filled(reading, measurements[name].known)
 
     def _show(self, signal: str, sample: ca.SX) -> None:
-        """Register a sample (n x 1) for the outputs."""
+        """Register a last sample or present reading (n x 1) for the outputs."""
         body, model = self.sensors.body, self.sensors.parts.plant.model
         samples = [Sample(signal, "tip" if "/" in self.owner else "body", self.owner, sample)]
         if signal.startswith("joint_"):

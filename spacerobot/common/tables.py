@@ -108,9 +108,20 @@ def content_html(content: Iterable[Content]) -> str:
     return "".join(f"<p>{escape(part)}</p>" if isinstance(part, str) else part.html() for part in content)
 
 
-def unit_scale(unit: str) -> tuple[float, str]:
-    """Factor and unit in which engineers read values of an SI unit: mm and degrees."""
+ROTORS = ("wheel_speed", "motor_speed")
+"""Signals whose values are speeds of rotors."""
+
+
+def unit_scale(unit: str, signal: str = "") -> tuple[float, str]:
+    """Factor and unit in which engineers read values of an SI unit: mm, degrees, and rpm of rotors.
+
+    Args:
+        unit: Unit of the values.
+        signal: Name of the signal, if they have one.
+    """
     degrees = 180 / math.pi
+    if unit == "rad/s" and signal in ROTORS:
+        return 30 / math.pi, "rpm"
     scales = {"m": (1e3, "mm"), "rad": (degrees, "deg"), "rad/s": (degrees, "deg/s")}
     return scales.get(unit, (1.0, unit))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from spacerobot.common.tables import Table
+from spacerobot.common.tables import Table, unit_scale
 from spacerobot.result.events import event_table
 from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import open_words
@@ -89,7 +89,9 @@ def headline(summary: Summary, data: xr.Dataset, target: str = "object") -> list
         wheel = summary["fastest_wheel"]
         left = wheel["least_margin"]
         margin = "" if left is None else f", {max(left, 0):.0%} of its speed limit left"
-        rows.append(("fastest wheel", _peak(wheel, "speed_rad_s", "rad/s", "wheel") + margin))
+        factor, unit = unit_scale("rad/s", "wheel_speed")
+        fastest = {**wheel, "speed": factor * wheel["speed_rad_s"]}
+        rows.append(("fastest wheel", _peak(fastest, "speed", unit, "wheel") + margin))
     ledger = summary["ledger"]
     momentum, energy = ledger["momentum"], ledger["energy"]
     if momentum["conserved"]:

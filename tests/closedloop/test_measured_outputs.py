@@ -221,6 +221,48 @@ def test_what_a_reference_reads_is_a_place_in_the_world(phases):
         np.testing.assert_allclose(shown[begin:end, :2], exact, atol=1e-8)
 
 
+LINEAR = {"offset": OFFSET, "scale": SCALE}
+
+
+def test_a_continuous_sensor_with_offset_and_scale_shows_its_present_reading():
+    signals = ("tip_position", "joint_rate", "joint_position")
+    sensors = dict.fromkeys(signals, LINEAR) | {"tip_velocity": LINEAR}
+    changes = {"robots.one.sensors": sensors, "robots.one.joint_pd": {"kp": 2}}
+    _, loop, run = rolled(SPATIAL, changes, PERIOD)
+    shown = part(run, loop, "measured_tip_position", "one/tip")
+    np.testing.assert_allclose(shown, OFFSET + SCALE * part(run, loop, "tip_position", "one/tip"), atol=1e-12)
+    for signal, symbol in (("joint_rate", "v"), ("joint_position", "q")):
+        true = run.state[:, [loop.state_names.index(f"{symbol}.one/slide")]]
+        shown = part(run, loop, f"measured_{signal}", "one/slide")
+        np.testing.assert_allclose(shown, OFFSET + SCALE * true, atol=1e-12)
+    assert "measured_tip_velocity" not in run.outputs  # no controller reads it
+
+
+def test_the_vector_to_the_target_by_a_continuous_sensor_is_shown_as_a_place_in_the_world():
+    changes = SEEN | {"robots.one.sensors": {"target_position": LINEAR}}
+    scene, loop, run = rolled(PLANAR, changes, PERIOD)
+    tip = part(run, loop, "tip_position", "one/tip")[:, :2]
+    away = frame_positions(scene, run, "target/mate_2")[:, :2] - tip
+    shown = part(run, loop, "measured_target_position", "one/tip")[:, :2]
+    np.testing.assert_allclose(shown, tip + OFFSET + SCALE * away, atol=1e-10)
+
+
+def test_exact_sensors_have_no_output_unless_a_number_of_theirs_varies_or_a_phase_sets_it():
+    path = "robots.one.sensors.tip_position.offset"
+    changes = {"robots.one.sensors": {"tip_position": {"offset": 0.0}}}
+
+    def names(more, vary=()):
+        loop = build_closed_loop(small_scene(SPATIAL, changes | more), vary=vary)
+        return [one.name for one in loop.variables if one.name.startswith("measured_")]
+
+    assert names({}) == []
+    assert names({}, vary=[path]) == ["measured_tip_position"]
+    section = {"robots": {"one": {"sensors": {"tip_position": {"offset": OFFSET}}}}}
+    assert names({"phases": {"first": {"until": {"time": 0.1}}, "second": section}}) == [
+        "measured_tip_position"
+    ]
+
+
 def test_units_labels_and_frames_are_stated():
     loop = build_closed_loop(small_scene(SPATIAL, NOISY))
     seen = {one.name: one for one in loop.variables if one.name.startswith("measured_")}
@@ -235,8 +277,13 @@ def test_units_labels_and_frames_are_stated():
 
 @pytest.mark.parametrize(
     ("text", "changes"),
-    [(SPATIAL, NOISY), (PLANAR, SEEN), (BOXES, with_target_filter("left") | LOCKED)],
-    ids=["controllers", "reference", "filter"],
+    [
+        (SPATIAL, NOISY),
+        (PLANAR, SEEN),
+        (BOXES, with_target_filter("left") | LOCKED),
+        (SPATIAL, {"robots.one.sensors": {"tip_position": LINEAR}}),
+    ],
+    ids=["controllers", "reference", "filter", "continuous"],
 )
 def test_both_engines_show_the_same(text, changes):
     scene = small_scene(text, changes | {"simulation.duration": 0.3})

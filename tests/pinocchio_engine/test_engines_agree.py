@@ -230,8 +230,10 @@ CASES = {
 
 def assert_close(found: np.ndarray, expected: np.ndarray, tolerance: float, what: str) -> None:
     """Equal relative to the largest entry (to one where all are small)."""
-    scale = max(1.0, np.abs(expected).max(initial=0.0))
     assert found.shape == expected.shape, what
+    assert np.array_equal(np.isnan(found), np.isnan(expected)), what
+    found, expected = np.nan_to_num(found), np.nan_to_num(expected)
+    scale = max(1.0, np.abs(expected).max(initial=0.0))
     assert np.abs(found - expected).max(initial=0.0) <= tolerance * scale, what
 
 

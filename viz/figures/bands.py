@@ -25,7 +25,7 @@ def bands(signal: QuantileBands) -> Drawing:
         signal: A signal of many samples.
     """
     moving = moving_components(signal)[:MOST_PANELS]
-    factor, unit = unit_scale(signal.unit)
+    factor, unit = unit_scale(signal.unit, signal.name)
     columns = 1 if len(moving) <= 1 else 2 if len(moving) in (2, 4) else 3
     rows = max(1, -(-len(moving) // columns))
     figure, axes = panels(rows, columns, height_in=1.6 if columns > 1 else 2.4, sharex=True)

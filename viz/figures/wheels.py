@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from spacerobot.common.arrays import Array
+from spacerobot.common.tables import unit_scale
 from spacerobot.result import Result
 from viz.figures.kind import figure
 from viz.figures.style import Drawing, below_last, legend_above, line, panels, shown_axes, styled, until
@@ -25,9 +26,10 @@ def wheels(result: Result) -> Drawing:
     for panel, name, text in zip(
         axes.flat, ("wheel_speed", "wheel_torque"), ("wheel speeds", "wheel torques"), strict=True
     ):
+        factor, unit = unit_scale(str(data[name].attrs["units"]), name)
         for k, wheel in enumerate(data.wheel.values):
-            panel.plot(time, data[name].sel(wheel=wheel).values, **line(k), label=str(wheel))
-        panel.set(title=text, ylabel=f"{text} [{data[name].attrs['units']}]", xlabel="time [s]")
+            panel.plot(time, factor * data[name].sel(wheel=wheel).values, **line(k), label=str(wheel))
+        panel.set(title=text, ylabel=f"{text} [{unit}]", xlabel="time [s]")
         until(panel, result)
     legend_above(figure, axes[0, 0])
     below_last(axes)

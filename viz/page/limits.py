@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spacerobot.common.tables import unit_scale
 from spacerobot.scenario import Robot
 from spacerobot.scene import Scene
 
@@ -33,9 +34,13 @@ def drawn_limits(scene: Scene) -> Limits:
             continue
         for i in range(len(storage.speeds)):
             name = f"{robot}/{where.rpartition('.')[2]}.{i}"
-            for title, limit in (("speed", storage.speed_limit), ("torque", storage.torque_limit)):
+            rpm = unit_scale("rad/s", "wheel_speed")[0]
+            for title, factor, limit in (
+                ("speed", rpm, storage.speed_limit),
+                ("torque", 1.0, storage.torque_limit),
+            ):
                 if limit is not None:
-                    limits[f"wheel {title}", name] = (-limit, limit)
+                    limits[f"wheel {title}", name] = (-factor * limit, factor * limit)
     return limits
 
 

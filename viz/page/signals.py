@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from spacerobot.common.arrays import Array
+from spacerobot.common.tables import ROTORS, unit_scale
 from spacerobot.result import Result
 from spacerobot.result.ledger import work_text, works_of
 from viz.drawing.motion import Rows, pick_rows
@@ -28,6 +29,7 @@ ABOUT_AXES = ("rad", "rad/s", "kg m^2")
 ENERGIES = {"energy_kinetic": "kinetic", "energy_spring": "springs of grips", "energy_potential": "potential"}
 
 DEG = float(np.degrees(1.0))
+RPM = unit_scale("rad/s", "wheel_speed")[0]
 TIP_ERRORS = (
     ("tip error", "mm", "controlled tip", "tip_error", 1e3, "size"),
     ("tip error by axis", "mm", "controlled tip", "tip_error", 1e3, "along"),
@@ -53,7 +55,7 @@ TIPS_TO_JOINTS = (
     ("joint force", "N", "sliding joint", "joint_torque", 1.0, "value"),
 )
 WHEELS = (
-    ("wheel speed", "rad/s", "wheel", "wheel_speed", 1.0, "value"),
+    ("wheel speed", "rpm", "wheel", "wheel_speed", RPM, "value"),
     ("wheel torque", "N m", "wheel", "wheel_torque", 1.0, "value"),
     ("speed limit left to wheels", "%", "wheel", "wheel_margin", 100.0, "value"),
     ("angular momentum of wheels by axis", "N m s", "acting body", "wheel_momentum", 1.0, "about"),
@@ -297,6 +299,9 @@ def _declared(result: Result) -> list[PlottedQuantity]:
         else:  # of the whole scene
             values, owners = variable.values[:, None], [name.replace("_", " ")]
         title, unit = str(variable.attrs["long_name"]), str(variable.attrs["units"])
+        if name in ROTORS:
+            factor, unit = unit_scale(unit, name)
+            values = factor * values
         if values.ndim == 3:
             axes = _about(result) if unit in ABOUT_AXES else shown_axes(result)
             plotted.append(PlottedQuantity(title, unit, _along(values, owners, axes, bounds)))

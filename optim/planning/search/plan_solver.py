@@ -233,10 +233,7 @@ class PlanSolver:
         instants_in_all = motions * plan.starts * intervals * plan.order // 2 * ITERATIONS
         if backend == "auto" and instants_in_all < COMPILED:
             backend = "interpreted"
-        compiling = backend != "interpreted"
-        notify(
-            "compiling the problem's functions, or finding them compiled" if compiling else "differentiating"
-        )
+        notify("building the problem's functions")
         phases = list[SolverPhase]()
         for one in formulated:
             link = Linkage.into(one.problem.stage, one.impact) if phases else None

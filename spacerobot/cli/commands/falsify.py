@@ -61,7 +61,7 @@ def command(
 
     folder = journals(out, "falsify.json")
     with shown() as (tell, report):
-        tell("building and compiling")
+        tell("building the closed loop")
         worst = sr.falsify(
             scene,
             metric,

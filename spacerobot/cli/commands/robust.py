@@ -68,7 +68,7 @@ def command(
     tuning, folder = tuning_of(scene), journals(out, "robust.json")
     effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
-        tell("building and compiling")
+        tell("building the closed loop")
         problem = sr.build_robust(
             scene,
             sr.Statistic(measure, percent, samples),

@@ -43,7 +43,7 @@ def command(
 
     tuning, folder = tuning_of(scene), journals(out, "sweep.json")
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
-        tell("building and compiling")
+        tell("building the closed loop")
         chosen = chosen_variables(variables, tuning)
         problem = sr.build_problem(scene, variables=chosen, variant=variant, workers=workers)
         protocol = EvolutionSettings(population=tuning.population, budget=budget or 1000)

@@ -78,7 +78,7 @@ def command(
     tuning = tuning_of(scene)
     effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
-        tell("building and compiling")
+        tell("building the closed loop")
         chosen = chosen_variables(variables, tuning)
         problem = sr.build_problem(scene, variables=chosen, variant=variant, workers=workers)
         folder = journals(out, "tuning.json")

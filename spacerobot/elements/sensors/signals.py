@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class MeasuredSignal(NamedTuple):
-    """Unit of a signal, and meaning and frame of its sample."""
+    """Unit of a signal, and meaning and frame of its measured value."""
 
     unit: str
     text: str
@@ -37,4 +37,4 @@ WRENCHES = ("tip_force", "tip_torque")
 BODY_AXES = "_body"
 """Suffix of the names of signals in the axes of the link that carries the sensor."""
 MEASURED = "measured_"
-"""Prefix of the names of outputs that are the last samples of sensors."""
+"""Prefix of the names of outputs that show what sensors with errors measure."""

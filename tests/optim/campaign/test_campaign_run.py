@@ -91,7 +91,7 @@ def test_an_interruption_leaves_what_was_found_and_it_goes_on(small, whole, tmp_
     assert load_campaign(folder).sample.values.tolist() == list(range(40))
     found = run_campaign(small(), folder, executor=LocalExecutor(size=33), progress=told.append)
     assert (found.done, found.interrupted) == (100, False)
-    assert [p.phase for p in told if not p.total] == ["building and compiling", "rolling out", "merging"]
+    assert [p.phase for p in told if not p.total] == ["building the closed loop", "rolling out", "merging"]
     kept = [p for p in told if p.total]
     assert [p.done for p in kept] == [73, 100]
     assert all(p.rate > 0 and p.total == 100 and p.phase == "rolling out" for p in kept)

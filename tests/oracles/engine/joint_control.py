@@ -44,7 +44,7 @@ class _Joints:
 
     def positions(self, q: Array) -> Array:
         """Joint positions (n,) [rad or m]; of an unbounded joint between -pi and pi."""
-        return np.array([_position(self.scene.model.joints[j], q) for j in self.body.driven_joints])
+        return np.array([angle_of(self.scene.model.joints[j], q) for j in self.body.driven_joints])
 
     def _read(self, kinematics: Kinematics, wanted: Array) -> tuple[Array, Array]:
         """Measured positions and rates of its joints (n,), unbounded ones nearest to the wanted positions."""
@@ -133,7 +133,7 @@ class JointController(_Joints):
         return q
 
 
-def _position(joint: Any, q: Array) -> float:
+def angle_of(joint: Any, q: Array) -> float:
     if joint.nq == 2:
         return float(np.arctan2(q[joint.idx_q + 1], q[joint.idx_q]))
     return float(q[joint.idx_q])

@@ -11,11 +11,16 @@ import pinocchio as pin
 from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.base_attitude import BaseAttitude
 from spacerobot.elements.controllers.base_position import BasePosition
+from spacerobot.scenario import Robot
+from spacerobot.scenario.sensors import Sensors
+from spacerobot.scene import SceneBody, SceneTip
 from tests.oracles.engine.base_control import BaseController
 from tests.oracles.engine.engine import Engine, Instant
+from tests.oracles.engine.joint_control import angle_of
 from tests.oracles.engine.kinematics import rotation_vector
 from tests.oracles.engine.outside import on_bases
-from tests.oracles.engine.sight import holding
+from tests.oracles.engine.sensing import reading_of, sensors_of
+from tests.oracles.engine.sight import seen_by_references
 
 
 def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
@@ -29,7 +34,7 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
         _grasps(engine, instant)
         | _lives(engine, instant)
         | _contacts(engine, instant, x)
-        | _measured(engine)
+        | _measured(engine, instant)
         | _energies(engine, instant)
     )
     for around in instant.surroundings:
@@ -187,19 +192,71 @@ def _lives(engine: Engine, instant: Instant) -> dict[str, Array]:
     return found
 
 
-def _measured(engine: Engine) -> dict[str, Array]:
-    """Last samples by the active references of tips; not a number for tips without."""
-    samples: dict[str, dict[str, Array]] = {}
-    for sensor in holding(engine.now.scene):
-        label, by_tip = sensor.sight.tip.label, samples.setdefault(f"measured_{sensor.signal}", {})
+def _measured(engine: Engine, instant: Instant) -> dict[str, Array]:
+    """Signals that sensors with errors measure; not a number where nothing reads them."""
+    signals: dict[str, dict[str, Array]] = {signal: {} for signal in Sensors.model_fields}
+    for tip in engine.scene.tips:
+        reads = {name for key, one in tip.config.elements() for name in one.reads(key, tip.config.sections)}
+        _read(engine, instant, (tip.body, tip, reads), signals)
+    for body in engine.scene.robots:
+        if isinstance(body.config, Robot):
+            reads = {name for _, one in body.config.elements() for name in one.reads()}
+            for tip in engine.scene.tips:
+                if tip.body is body:
+                    _read(engine, instant, (body, tip, {n for n in reads if n.startswith("tip_")}), signals)
+            _read(engine, instant, (body, None, {n for n in reads if n.startswith("joint_")}), signals)
+    for sensor in seen_by_references(engine.now.scene):
+        label = sensor.sight.tip.label
         path = engine.mode.leads[label].reference.path
-        if label not in by_tip or sensor.sight.name == f"{label}.{path}":
-            by_tip[label] = engine.mode.held[sensor.name].shown
-    none = np.full(3, np.nan)
+        if label not in signals[sensor.signal] or sensor.sight.name == f"{label}.{path}":
+            held = engine.mode.held.get(sensor.name)
+            now = sensor.sight.shown(sensor.signal, instant.kinematics)
+            signals[sensor.signal][label] = now if held is None else held.shown
+    joints = dict.fromkeys(label for name in ("joint_position", "joint_rate") for label in signals[name])
+    labels = {True: list(joints), False: [tip.label for tip in engine.scene.tips]}
     return {
-        name: _stack(by_tip.get(tip.label, none) for tip in engine.scene.tips)
-        for name, by_tip in samples.items()
+        f"measured_{name}": _stack(
+            values.get(label, np.full(1 if label in joints else 3, np.nan))
+            for label in labels[name.startswith("joint_")]
+        )
+        for name, values in signals.items()
+        if values
     }
+
+
+def _read(
+    engine: Engine,
+    instant: Instant,
+    reader: tuple[SceneBody, SceneTip | None, set[str]],
+    signals: dict[str, dict[str, Array]],
+) -> None:
+    """Add the readings of continuous sensors with errors, which a reader reads, to the signals."""
+    body, tip, reads = reader
+    kinematics, model = instant.kinematics, engine.model
+    true: dict[str, dict[str, Array]] = {}
+    joints = body.driven_joints if tip is None else body.arm_joints
+    names = {joint: f"{body.name}/{body.joint_name(model, joint)}" for joint in joints}
+    true["joint_position"] = {
+        name: np.atleast_1d(angle_of(model.joints[j], kinematics.q)) for j, name in names.items()
+    }
+    true["joint_rate"] = {name: kinematics.v[[model.joints[j].idx_v]] for j, name in names.items()}
+    if tip is not None:
+        frame, wanted = kinematics.frame(tip.frame), instant.motions[tip.label].rotation
+        felt = kinematics.felt.get(tip.label, np.zeros(6))
+        values = {
+            "tip_position": frame.position,
+            "tip_orientation": rotation_vector(frame.rotation, wanted),
+            "tip_velocity": frame.velocity[:3],
+            "tip_angular_velocity": frame.velocity[3:],
+            "tip_force": felt[:3],
+            "tip_torque": felt[3:],
+        }
+        true |= {name: {tip.label: value} for name, value in values.items()}
+    for name in reads & set(true):
+        sensor = sensors_of(body)[name]
+        if not sensor.is_ideal:
+            read = reading_of(sensor)
+            signals[name] |= {key: read.offset + read.scale * value for key, value in true[name].items()}
 
 
 def _contacts(engine: Engine, instant: Instant, x: Array) -> dict[str, Array]:

@@ -95,9 +95,15 @@ class Holding:
 
 def holding(scene: Scene) -> Iterator[Holding]:
     """Sensors that hold what they measure."""
+    return (one for one in seen_by_references(scene) if one.period)
+
+
+def seen_by_references(scene: Scene) -> Iterator[Holding]:
+    """Sensors with errors that references read; the period of a continuous one is zero."""
     for tip in scene.tips:
         for reference in tip.references:
             for signal in sorted(SIGNALS & reference.config.reads()):
                 sensor = sensors_of(tip.body)[signal]
-                if isinstance(sensor, Sampled):
-                    yield Holding(sight_of(scene, tip, reference, {}), signal, sensor.period)
+                if not sensor.is_ideal:
+                    period = sensor.period if isinstance(sensor, Sampled) else 0.0
+                    yield Holding(sight_of(scene, tip, reference, {}), signal, period)

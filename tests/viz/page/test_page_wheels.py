@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
+from spacerobot.common.tables import unit_scale
+from spacerobot.result.table import headline
 from spacerobot.simulation import simulate
 from tests.oracles.small_scenes import PLANAR, small_scene
+from viz.figures.wheels import wheels
 from viz.page.animation import animation
 from viz.page.page import animation_page
+from viz.page.signals import quantities
 
 WHEELS = {"kind": "reaction_wheels", "axes": [[0, 0, 2]], "inertia": 0.05, "speeds": [40]}
 
@@ -34,6 +38,19 @@ def test_wheels_turn_by_the_integral_of_their_speeds(spinning):
     turned = spinning.array("body_angle")[:, list(spinning.array("body")).index("one")]
     expected = kept[0] * run["time"] - np.interp(run["time"], spinning.array("time"), turned - turned[0])
     np.testing.assert_allclose(wheels["angles"][:, 0] * wheels["slowed"], expected, rtol=1e-5, atol=1e-4)
+
+
+def test_speeds_of_wheels_are_read_in_rpm_in_tables_figures_and_charts(spinning):
+    speed = spinning.data.wheel_speed.values
+    rpm = float(np.abs(speed).max()) * 60 / (2 * np.pi)
+    fastest = dict(headline(spinning.summary, spinning.data))["fastest wheel"]
+    assert fastest.startswith(f"{rpm:.4g} rpm (one/wheels.0")
+    (panel, _) = wheels(spinning).axes[:2]
+    assert panel.get_ylabel() == "wheel speeds [rpm]"
+    np.testing.assert_allclose(panel.lines[0].get_ydata(), speed[:, 0] * 30 / np.pi)
+    (chart,) = (one for one in quantities(spinning) if one.title == "wheel speed")
+    assert chart.unit == "rpm"
+    assert unit_scale("rad/s", "body_spin") == (pytest.approx(180 / np.pi), "deg/s")
 
 
 def test_wheels_are_seen_through_their_base_and_can_be_hidden(browser, spinning, tmp_path):
