@@ -23,7 +23,6 @@ from spacerobot.dynamics.rotations import (
     rotation_from_quaternion,
     rotation_from_rpy,
     rotation_log,
-    skew,
 )
 
 __all__ = [
@@ -54,7 +53,6 @@ __all__ = [
     "rotation_from_quaternion",
     "rotation_from_rpy",
     "rotation_log",
-    "skew",
     "subtree",
     "total_mass",
 ]

@@ -11,17 +11,6 @@ import casadi as ca
 from spacerobot.dynamics.algebra import IDENTITY3, cross, skew
 from spacerobot.dynamics.recorded import recorded
 
-__all__ = [
-    "cross",
-    "quaternion_from_rotation",
-    "rotation_exp",
-    "rotation_from_quaternion",
-    "rotation_from_rpy",
-    "rotation_log",
-    "skew",
-    "turn",
-]
-
 _NEAR_ZERO = 1e-3
 """Square of the angle (or of its tangent) below which series are used; six terms leave an error under
 1e-18."""
@@ -130,6 +119,32 @@ def _rotation_log(rotation: ca.SX) -> ca.SX:
         ca.atan2(length, scalar) / length,
     )
     return 2 * factor * vector
+
+
+def left_jacobian(phi: ca.SX, vector: ca.SX) -> ca.SX:
+    """Product of the left Jacobian of SO(3) at a rotation vector [rad] with a vector (3x1 each)."""
+    squared = ca.dot(phi, phi)
+    small = squared < 1e-4
+    safe = ca.if_else(small, 1.0, squared)
+    angle = ca.sqrt(safe)
+    first = ca.if_else(small, 1 / 2 - squared / 24 + squared**2 / 720, (1 - ca.cos(angle)) / safe)
+    second = ca.if_else(
+        small, 1 / 6 - squared / 120 + squared**2 / 5040, (angle - ca.sin(angle)) / (safe * angle)
+    )
+    across = cross(phi, vector)
+    return vector + first * across + second * cross(phi, across)
+
+
+def inverse_left_jacobian(phi: ca.SX, vector: ca.SX) -> ca.SX:
+    """Product of the inverse left Jacobian of SO(3) at a rotation vector [rad] with a vector (3x1 each)."""
+    squared = ca.dot(phi, phi)
+    small = squared < 1e-4
+    safe = ca.if_else(small, 1.0, squared)
+    half = ca.sqrt(safe) / 2
+    series = 1 / 12 + squared / 720 + squared**2 / 30240
+    factor = ca.if_else(small, series, (1 - half * ca.cos(half) / ca.sin(half)) / safe)
+    phi_cross = cross(phi, vector)
+    return vector - phi_cross / 2 + factor * cross(phi, phi_cross)
 
 
 @recorded((4, 1))

@@ -11,7 +11,7 @@ import numpy as np
 
 from spacerobot.common.errors import CompileError
 from spacerobot.rollout.closed_loop_protocol import Array
-from spacerobot.rollout.engines import Loops, StopFlag, make_job
+from spacerobot.rollout.engines import Engine, StopFlag, make_job
 from spacerobot.rollout.kernel import Kernel, entries, slices, sx_function
 from spacerobot.rollout.parameter_dependent_events import moving_events
 from spacerobot.rollout.rollout_arrays import RolloutArrays
@@ -113,23 +113,11 @@ class _AdjointJob(ctypes.Structure):
 
 
 @dataclass(frozen=True)
-class AdjointEngine:
+class AdjointEngine(Engine):
     """Loops that evaluate a kernel with its reverse: forward sweep, tape and sweep back."""
 
-    kernel: Kernel
-    loops: Loops
     whole_bytes: int = WHOLE_BYTES
     segment_bytes: int = SEGMENT_BYTES
-
-    @property
-    def backend(self) -> str:
-        """``compiled`` or ``interpreted``."""
-        return self.loops.backend
-
-    @property
-    def lanes(self) -> int:
-        """Rollouts carried at once."""
-        return self.loops.lanes
 
     @property
     def bytes_per_step(self) -> int:

@@ -13,9 +13,9 @@ from spacerobot.dynamics import (
     rotation_from_quaternion,
     rotation_from_rpy,
     rotation_log,
-    skew,
 )
-from spacerobot.dynamics.rotations import cross, turn
+from spacerobot.dynamics.algebra import cross, skew
+from spacerobot.dynamics.rotations import turn
 
 FEW = settings(deadline=None, max_examples=60, derandomize=True)
 PHI = ca.SX.sym("phi", 3)

@@ -26,8 +26,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.common.section import quantity
-from spacerobot.dynamics.algebra import cross
-from spacerobot.dynamics.rotations import rotation_exp, rotation_log
+from spacerobot.dynamics.rotations import left_jacobian, rotation_exp, rotation_log
 from spacerobot.elements.controllers.compliance import (
     Axes,
     ComplianceController,
@@ -86,7 +85,7 @@ class Admittance(ComplianceController):
         if turns and len(axes) == 3:
             compliant = rotation_exp(offset)
             spin = tip.motion.angular_velocity
-            error_rate = error_rate + _left_jacobian(offset, rate) + ca.mtimes(compliant, spin) - spin
+            error_rate = error_rate + left_jacobian(offset, rate) + ca.mtimes(compliant, spin) - spin
             error = rotation_log(ca.mtimes(compliant, rotation_exp(error)))
         else:
             error, error_rate = error + offset, error_rate + rate
@@ -113,17 +112,3 @@ class Admittance(ComplianceController):
         rows = (self.inertia, self.damping, self.stiffness)
         gains = (", ".join(f"{value:g}" for value in row) for row in rows)
         return "admittance ({}) / ({}) / ({}), {:g} rad/s".format(*gains, self.bandwidth)
-
-
-def _left_jacobian(phi: ca.SX, vector: ca.SX) -> ca.SX:
-    """Product of the left Jacobian of SO(3) with a vector (3x1 each)."""
-    squared = ca.dot(phi, phi)
-    small = squared < 1e-4
-    safe = ca.if_else(small, 1.0, squared)
-    angle = ca.sqrt(safe)
-    first = ca.if_else(small, 1 / 2 - squared / 24 + squared**2 / 720, (1 - ca.cos(angle)) / safe)
-    second = ca.if_else(
-        small, 1 / 6 - squared / 120 + squared**2 / 5040, (angle - ca.sin(angle)) / (safe * angle)
-    )
-    across = cross(phi, vector)
-    return vector + first * across + second * cross(phi, across)

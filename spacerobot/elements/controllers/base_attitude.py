@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import casadi as ca
-from pydantic import Field
 
 from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics import FreeFloating, centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross, cross_columns
 from spacerobot.dynamics.rotations import rotation_exp, rotation_from_rpy
-from spacerobot.elements.controllers.base_control import ArmReaction, held, resistance
-from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.controllers.base_control import ArmReaction, BaseMotionController, held, resistance
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
@@ -21,7 +19,7 @@ from spacerobot.elements.references.reference import DEGREE
 
 
 @register
-class BaseAttitude(RobotController):
+class BaseAttitude(BaseMotionController):
     """PID on the base's attitude, with feed-forward of the arm's reaction; actuators of the base deliver it.
 
     Without K_p and K_i it brings the base to rest at any attitude.
@@ -33,18 +31,6 @@ class BaseAttitude(RobotController):
     kp: float = quantity("N m/rad", "proportional gain K_p", default=0.0, ge=0)
     ki: float = quantity("N m/(rad s)", "integral gain K_i", default=0.0, ge=0)
     kd: float = quantity("N m s/rad", "rate gain K_d", default=0.0, ge=0)
-    feed_forward: float = quantity(
-        "1",
-        "fraction of the arm's reaction (rate of its angular momentum) that is added",
-        default=1.0,
-        ge=0,
-    )
-    derivative: Literal["ideal", "filtered"] = Field(
-        default="ideal",
-        description="how that rate is found; ideal: by the model, with the accelerations that follow; "
-        "filtered: by a first-order lag of the momentum, which costs less where wheels deliver",
-    )
-    filter_time: float = quantity("s", "time constant of the filtered rate", default=0.02, gt=0)
     attitude_deg: Vector | None = quantity(
         "deg", "roll, pitch, yaw to be held; those of the start if not given", default=None
     )
@@ -97,14 +83,6 @@ class BaseAttitude(RobotController):
         sense = resistance(robot, about_centre) - plant.reduced(ca.mtimes(torque_map, inertia_world))
         return ArmReaction(sense, torque - cross(lever, force))
 
-    def assumptions(self) -> list[str]:
-        """Assumptions of its model, for the user."""
-        return ["feeds the motion of the arm forward as it is, without errors"]
-
     def reads(self) -> set[str]:
         """Attitude and spin."""
         return {"base_orientation", "base_spin"}
-
-    def words(self) -> str:
-        """Gains."""
-        return f"base_attitude {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"

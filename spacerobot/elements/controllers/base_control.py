@@ -21,9 +21,40 @@ from dataclasses import dataclass
 from typing import Literal
 
 import casadi as ca
+from pydantic import Field
 
+from spacerobot.common.section import quantity
+from spacerobot.elements.controllers.controller import RobotController
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import Contribution, ControlChannel, Output, State
+
+
+class BaseMotionController(RobotController):
+    """PID on the motion of a base, with feed-forward of the arm's reaction."""
+
+    kp: float
+    ki: float
+    kd: float
+    feed_forward: float = quantity(
+        "1",
+        "fraction of the arm's reaction (rate of its linear or angular momentum) that is added",
+        default=1.0,
+        ge=0,
+    )
+    derivative: Literal["ideal", "filtered"] = Field(
+        default="ideal",
+        description="how that rate is found; ideal: by the model, with the accelerations that follow; "
+        "filtered: by a first-order lag of the momentum, which costs less where wheels deliver",
+    )
+    filter_time: float = quantity("s", "time constant of the filtered rate", default=0.02, gt=0)
+
+    def assumptions(self) -> list[str]:
+        """Assumptions of its model, for the user."""
+        return ["feeds the motion of the arm forward as it is, without errors"]
+
+    def words(self) -> str:
+        """Gains."""
+        return f"{self.kind} {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import casadi as ca
-from pydantic import Field
 
 from spacerobot.common.section import Vector, quantity
 from spacerobot.dynamics import centre_of_mass, momentum, subtree, total_mass
 from spacerobot.dynamics.algebra import cross_columns
-from spacerobot.elements.controllers.base_control import ArmReaction, held, resistance
-from spacerobot.elements.controllers.controller import RobotController
+from spacerobot.elements.controllers.base_control import ArmReaction, BaseMotionController, held, resistance
 from spacerobot.elements.core.context import RobotContext
 from spacerobot.elements.core.contribution import Contribution
 from spacerobot.elements.core.registry import register
@@ -19,7 +17,7 @@ from spacerobot.elements.core.robot_element import Part
 
 
 @register
-class BasePosition(RobotController):
+class BasePosition(BaseMotionController):
     """PID on the base's position, with feed-forward of the arm's reaction; actuators of the base deliver it.
 
     The force is commanded at the robot's centre of mass, where it exerts no torque on the robot. Without K_p
@@ -32,18 +30,6 @@ class BasePosition(RobotController):
     kp: float = quantity("N/m", "proportional gain K_p", default=0.0, ge=0)
     ki: float = quantity("N/(m s)", "integral gain K_i", default=0.0, ge=0)
     kd: float = quantity("N s/m", "rate gain K_d", default=0.0, ge=0)
-    feed_forward: float = quantity(
-        "1",
-        "fraction of the arm's reaction (rate of its linear momentum) that is added",
-        default=1.0,
-        ge=0,
-    )
-    derivative: Literal["ideal", "filtered"] = Field(
-        default="ideal",
-        description="how that rate is found; ideal: by the model, with the accelerations that follow; "
-        "filtered: by a first-order lag of the momentum, which costs less where wheels deliver",
-    )
-    filter_time: float = quantity("s", "time constant of the filtered rate", default=0.02, gt=0)
     position: Vector | None = quantity(
         "m", "of the root link, world axes, to be held; that of the start if not given", default=None
     )
@@ -79,14 +65,6 @@ class BasePosition(RobotController):
         drift = plant.inertia_force(joints)[0] - mass * plant.drift(robot.base_frame)[0]
         return ArmReaction(sense, drift)
 
-    def assumptions(self) -> list[str]:
-        """Assumptions of its model, for the user."""
-        return ["feeds the motion of the arm forward as it is, without errors"]
-
     def reads(self) -> set[str]:
         """Position and velocity."""
         return {"base_position", "base_velocity"}
-
-    def words(self) -> str:
-        """Gains."""
-        return f"base_position {self.kp:g} / {self.ki:g} / {self.kd:g}, feed-forward {self.feed_forward:g}"

@@ -43,7 +43,7 @@ import casadi as ca
 from pydantic import Field
 
 from spacerobot.common.section import quantity
-from spacerobot.dynamics.algebra import cross
+from spacerobot.dynamics.rotations import inverse_left_jacobian
 from spacerobot.elements.controllers.compliance import (
     Axes,
     ComplianceController,
@@ -93,7 +93,7 @@ class Impedance(ComplianceController):
         error = read_pose_error(tip, turns=turns)
         spring = ca.mtimes(stiffness, error)
         if turns and len(tip.plant.rotation_axes) == 3:
-            spring = _inverse_left_jacobian(error, spring)
+            spring = inverse_left_jacobian(error, spring)
         load = spring + ca.mtimes(damping, read_rate_error(tip, turns=turns))
         if self.inertia is not None:
             wrench = tip.measured_wrench()
@@ -124,15 +124,3 @@ class Impedance(ComplianceController):
         if self.inertia is None:
             return text
         return f"{text}, inertia ({', '.join(f'{value:g}' for value in self.inertia)})"
-
-
-def _inverse_left_jacobian(phi: ca.SX, vector: ca.SX) -> ca.SX:
-    """Product of the inverse left Jacobian of SO(3) with a vector (3x1 each)."""
-    squared = ca.dot(phi, phi)
-    small = squared < 1e-4
-    safe = ca.if_else(small, 1.0, squared)
-    half = ca.sqrt(safe) / 2
-    series = 1 / 12 + squared / 720 + squared**2 / 30240
-    factor = ca.if_else(small, series, (1 - half * ca.cos(half) / ca.sin(half)) / safe)
-    phi_cross = cross(phi, vector)
-    return vector - phi_cross / 2 + factor * cross(phi, phi_cross)

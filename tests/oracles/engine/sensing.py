@@ -6,7 +6,6 @@ import functools
 
 from spacerobot.elements import Sensor
 from spacerobot.elements.sensors.linear_sensor import LinearSensor
-from spacerobot.elements.sensors.sampled import Sampled
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import SceneBody
@@ -14,18 +13,13 @@ from tests.oracles.engine.laws import refusal
 
 
 @functools.singledispatch
-def reading_of(sensor: Sensor) -> LinearSensor | Sampled:
+def reading_of(sensor: Sensor) -> LinearSensor:
     """Offset and scale of a sensor, of each kind."""
     raise refusal(sensor)
 
 
 @reading_of.register
 def _(sensor: LinearSensor) -> LinearSensor:
-    return sensor
-
-
-@reading_of.register
-def _(sensor: Sampled) -> Sampled:
     return sensor
 
 
