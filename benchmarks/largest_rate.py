@@ -23,6 +23,7 @@ from scipy.optimize import brentq
 
 import spacerobot as sr
 from benchmarks import history
+from benchmarks.feasible_range import feasible_range
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.output.plan_folder import write
 from optim.planning.search.failure_messages import soft_rows
@@ -37,7 +38,6 @@ from optim.planning.solver.nonlinear_program import NonlinearProgram
 from optim.planning.transcription.phase_chain import PhaseChain
 from spacerobot.common.files import write_bytes, write_text
 from spacerobot.scene import Scene
-from viz.figures.feasible_range import feasible_range
 from viz.figures.style import to_bytes
 
 AXIS, PLACE = np.array([0.00522422, 0.99701949, -0.07697305]), np.array([7.2, 0.0, 0.4])

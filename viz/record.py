@@ -106,16 +106,13 @@ def write_recording(
     note_derived([result.folder], [path])
 
 
-def write_poster(
-    result: Result, path: StrPath, *, at: float | None = None, size_px: tuple[int, int] = POSTER
-) -> None:
+def write_poster(result: Result, path: StrPath, *, at: float | None = None) -> None:
     """Write one picture of a result as PNG, drawn as finely as can be.
 
     Args:
         result: What is shown.
         path: ``.png``.
         at: Time [s]; that of the first capture if not given, else the middle.
-        size_px: Width and height.
 
     Raises:
         ResultError: If the file cannot be written.
@@ -124,9 +121,9 @@ def write_poster(
     captures = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
     time = float(np.clip(at if at is not None else min(captures, default=duration / 2), 0, duration))
     if browser_program() is not None:
-        (content,) = page_pictures(animation(result), [time], size_px, level=FINE, kind="png")
+        (content,) = page_pictures(animation(result), [time], POSTER, level=FINE, kind="png")
     else:
-        pictures, buffer = frames(result, rate_hz=1e6, size_px=size_px), io.BytesIO()
+        pictures, buffer = frames(result, rate_hz=1e6, size_px=POSTER), io.BytesIO()
         pictures.picture(int(np.abs(pictures.motion.time - time).argmin())).save(buffer, "PNG")
         content = buffer.getvalue()
     write_bytes(path, content)

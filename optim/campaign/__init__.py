@@ -14,7 +14,6 @@ from optim.campaign.run import (
 )
 from optim.campaign.store.load_evaluator import reopen
 from optim.campaign.store.netcdf import load_campaign
-from optim.campaign.store.run_settings import ScenarioSource
 
 __all__ = [
     "ROLLING_OUT",
@@ -24,7 +23,6 @@ __all__ = [
     "Executor",
     "LocalExecutor",
     "QuantileBands",
-    "ScenarioSource",
     "all_draws",
     "build_evaluator",
     "load_campaign",

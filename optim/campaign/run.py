@@ -17,7 +17,7 @@ from optim.campaign.rollouts.evaluator import (
     build_evaluator,
 )
 from optim.campaign.store.folder import Interval, check_place, open_store
-from optim.campaign.store.run_settings import ScenarioSource, notes_of
+from optim.campaign.store.run_settings import notes_of
 from spacerobot.common.arrays import Array
 from spacerobot.common.files import StrPath
 from spacerobot.scene import Scene
@@ -166,7 +166,6 @@ def run_campaign(
     gains: Gains | None = None,
     executor: Executor | None = None,
     progress: Callable[[CampaignProgress], object] | None = None,
-    named: ScenarioSource | None = None,
 ) -> CampaignRun:
     """Roll out every sample of a campaign that is not in its folder yet.
 
@@ -179,7 +178,6 @@ def run_campaign(
         gains: Sets of gains: changes by dotted path, by name; the section's if None.
         executor: Executor of the chunks; this process if None.
         progress: Callback at the beginning of each phase, and after each chunk.
-        named: Scenario on the command line, for the commands that run samples again; its file if None.
 
     Raises:
         ScenarioError: If the campaign does not fit the scene.
@@ -191,7 +189,7 @@ def run_campaign(
     say(CampaignProgress("building the closed loop"))
     evaluator = build_evaluator(scene, gains)
     draws = all_draws(evaluator)
-    notes = notes_of(evaluator, named)
+    notes = notes_of(evaluator)
     with open_store(folder, evaluator.identity(draws), len(draws), notes) as store:
         before, since, interrupted = store.done, time.perf_counter(), False
         chunks = ChunkQueue(store.missing, most_samples(evaluator))

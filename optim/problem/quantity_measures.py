@@ -22,9 +22,9 @@ _REDUCERS = {
 }
 
 
-def context_of(scene: Scene, loop: ClosedLoopFunctions, signals: Signals | None = None) -> Context:
+def context_of(scene: Scene, loop: ClosedLoopFunctions) -> Context:
     """A closed loop of a scene as quantities see it."""
-    return Context(scene, loop, Signals.of(loop) if signals is None else signals)
+    return Context(scene, loop, Signals.of(loop))
 
 
 def with_added_states(

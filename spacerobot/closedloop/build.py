@@ -57,11 +57,6 @@ def build_closed_loop(
     return loop
 
 
-def loop_builder(scene: Scene, vary: Collection[str] = ()) -> LoopBuilder:
-    """Builder of the elements of a scene's closed loop; parameters as for :func:`build_closed_loop`."""
-    return builder_of(LoopBuilder, scene, vary)
-
-
 def builder_of(kind: type[Builder], scene: Scene, vary: Collection[str] = ()) -> Builder:
     """Builder of some kind; parameters as for :func:`build_closed_loop`."""
     parameters = Parameters(dict(numbers(to_document(scene.scenario))), vary)

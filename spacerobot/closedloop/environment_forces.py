@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from spacerobot.closedloop.build import loop_builder
+from spacerobot.closedloop.build import builder_of
+from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.dynamics.algebra import cross
 from spacerobot.elements.environments.environment import EnvironmentContext
 from spacerobot.scene import Scene
@@ -24,7 +25,7 @@ def environment_forces(scene: Scene) -> ca.Function | None:
     """
     if not scene.scenario.environment:
         return None
-    builder = loop_builder(scene)
+    builder = builder_of(LoopBuilder, scene)
     plant, context = builder.plant, builder.context
     roots = {body.name: body.root_frame for body in scene.bodies}
     forces = ca.SX(scene.model.nv, 1)

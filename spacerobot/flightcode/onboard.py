@@ -10,7 +10,6 @@ from fractions import Fraction
 from typing import Literal
 
 import casadi as ca
-import numpy as np
 
 from spacerobot.common.arrays import Array
 
@@ -184,8 +183,3 @@ def common_tick(times: Sequence[float]) -> Fraction:
     if tick < Fraction(1, 1_000_000):
         raise ValueError(f"found a common divisor of {float(tick):.3g} s, allowed: at least 1e-6 s")
     return tick
-
-
-def initial_values(fields: Sequence[Field]) -> dict[str, Array]:
-    """Values of fields at the start, by name."""
-    return {field.name: np.array(field.initial, dtype=float) for field in fields}

@@ -48,9 +48,9 @@ class Parameters:
             return ca.SX(1, 1)
         return self(path)
 
-    def sparse_vector(self, path: str, size: int = 3) -> ca.SX:
-        """Symbols of a list of numbers, exact zeros structural (size x 1)."""
-        return ca.vertcat(*(self.sparse(f"{path}.{i}") for i in range(size)))
+    def sparse_vector(self, path: str) -> ca.SX:
+        """Symbols of three numbers, exact zeros structural (3x1)."""
+        return ca.vertcat(*(self.sparse(f"{path}.{i}") for i in range(3)))
 
     def gives(self, path: str) -> bool:
         """Whether there is such a number."""

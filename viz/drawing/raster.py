@@ -12,6 +12,10 @@ from spacerobot.common.arrays import Array
 Picture = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
+FINE = 2
+"""Samples along each side of a pixel."""
+EDGE = 0.55
+"""Darkness of the edges between parts, as a fraction of their colour."""
 _DEPTHS = 2**30  # steps between the farthest and the nearest point
 _AT_ONCE = 4_000_000  # pixels of faces worked on together
 
@@ -31,34 +35,32 @@ class Faces(NamedTuple):
     part: Indices
 
 
-def draw_faces(faces: Faces, width: int, height: int, *, fine: int = 2, edge: float = 0.55) -> Picture:
+def draw_faces(faces: Faces, width: int, height: int) -> Picture:
     """Picture (height, width, 4) of triangles, transparent elsewhere.
 
     Args:
         faces: Triangles to draw.
         width, height: Size of the picture [pixels].
-        fine: Samples along each side of a pixel.
-        edge: Darkness of the edges between parts, as a fraction of their colour.
     """
-    corners, size = faces.corners * [fine, fine, 1.0], (height * fine, width * fine)
+    corners, size = faces.corners * [FINE, FINE, 1.0], (height * FINE, width * FINE)
     clear = faces.rgba[:, 3] < 1
     which, depth = nearest_faces(corners, np.flatnonzero(~clear), size)
-    picture = _coloured(which, faces, edge)
+    picture = _coloured(which, faces)
     if clear.any():
         veil, before = nearest_faces(corners, np.flatnonzero(clear), size)
-        front = _coloured(np.where(before > depth, veil, -1), faces, edge)
+        front = _coloured(np.where(before > depth, veil, -1), faces)
         picture = front + picture * (1 - front[..., 3:])
-    return _coarser(picture, fine)
+    return _coarser(picture, FINE)
 
 
-def cover(corners: Array, width: int, height: int, *, fine: int = 2) -> Picture:
+def cover(corners: Array, width: int, height: int, *, fine: int = FINE) -> Picture:
     """Share (height, width) of each pixel that triangles (m, 3, 3) cover; see :class:`Faces`."""
     size = height * fine, width * fine
     which, _ = nearest_faces(corners * [fine, fine, 1.0], np.arange(len(corners)), size)
     return _coarser((which >= 0).astype(np.float32)[..., None], fine)[..., 0]
 
 
-def _coloured(which: Indices, faces: Faces, edge: float) -> Picture:
+def _coloured(which: Indices, faces: Faces) -> Picture:
     """Colours (h, w, 4), premultiplied by the opacity, of the faces seen at each pixel."""
     part = np.append(faces.part, -1)[which]
     border = np.zeros(which.shape, dtype=bool)
@@ -66,7 +68,7 @@ def _coloured(which: Indices, faces: Faces, edge: float) -> Picture:
     border[1:] |= part[1:] != part[:-1]
     rgba = np.append(faces.rgba, np.zeros((1, 4)), axis=0).astype(np.float32)
     rgba[:, :3] *= rgba[:, 3:]
-    dark = rgba * np.array([edge, edge, edge, 1.0], dtype=np.float32)
+    dark = rgba * np.array([EDGE, EDGE, EDGE, 1.0], dtype=np.float32)
     picture: Picture = rgba[which]
     picture[border] = dark[which[border]]
     return picture

@@ -40,9 +40,9 @@ class LiveViewer(Loopback):
         """
         self._send({"tell": text})
 
-    def show_scene(self, scene: Scene, about: str | None = None) -> None:
-        """Show a scene's initial state; ``about`` is the caption, its description by default."""
-        self._send({"show": still(scene, about=about)})
+    def show_scene(self, scene: Scene) -> None:
+        """Show a scene's initial state."""
+        self._send({"show": still(scene)})
 
     def show(self, *results: Result) -> None:
         """Play a result or compare several, instead of what was shown before.
@@ -89,8 +89,8 @@ class _Page(LocalRequestHandler):
 
 
 @contextmanager
-def view_run(scene: Scene, *, port: int = FIRST_PORT, open_browser: bool = True) -> Iterator[LiveViewer]:
-    """Viewer that shows a scene while it is simulated; see :class:`LiveViewer` for ``port``.
+def view_run(scene: Scene, *, port: int = FIRST_PORT) -> Iterator[LiveViewer]:
+    """Viewer in the browser of a scene while it is simulated; see :class:`LiveViewer` for ``port``.
 
     Examples:
         >>> with view_run(scene) as viewer:  # doctest: +SKIP
@@ -100,6 +100,5 @@ def view_run(scene: Scene, *, port: int = FIRST_PORT, open_browser: bool = True)
     """
     with LiveViewer(port) as viewer:
         viewer.show_scene(scene)
-        if open_browser:
-            viewer.open()
+        viewer.open()
         yield viewer

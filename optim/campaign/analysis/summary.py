@@ -109,42 +109,35 @@ def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[st
     return statistics_by_set
 
 
-def summarise(
-    folder: StrPath, evaluator: CampaignEvaluator, named: ScenarioSource | None = None
-) -> dict[str, Any]:
+def summarise(folder: StrPath, evaluator: CampaignEvaluator) -> dict[str, Any]:
     """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
 
     Args:
         folder: A campaign's store.
         evaluator: Evaluator of the campaign; see :func:`optim.campaign.reopen`.
-        named: Scenario on the command line, for the commands that run samples again; as the store notes it if
-            None.
 
     Raises:
         ResultError: If the store holds no sample, or cannot be read or written.
     """
     folder = Path(folder)
-    summary = summary_data(folder, evaluator, named)
+    summary = summary_data(folder, evaluator)
     write_text(folder / SUMMARY, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     return summary
 
 
-def summary_data(
-    folder: StrPath, evaluator: CampaignEvaluator, named: ScenarioSource | None = None
-) -> dict[str, Any]:
+def summary_data(folder: StrPath, evaluator: CampaignEvaluator) -> dict[str, Any]:
     """Summary that :func:`summarise` writes, as plain data.
 
     Args:
         folder: Folder of the campaign.
         evaluator: Evaluator of the campaign.
-        named: Scenario that the commands of the summary name; by default that of the campaign's notes.
 
     Raises:
         ResultError: If the campaign cannot be read, or holds no sample yet.
     """
     folder = Path(folder)
     data, campaign = load_campaign(folder), evaluator.campaign
-    named = named or named_in(load_head(folder)["notes"])
+    named = named_in(load_head(folder)["notes"])
     if len(data.sample) == 0:
         raise ResultError("holds no sample yet", source=folder)
     statistics_by_set = sample_statistics(data, evaluator)

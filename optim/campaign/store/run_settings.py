@@ -29,19 +29,13 @@ class ScenarioSource:
     changes: Changes = ()
 
 
-def notes_of(evaluator: CampaignEvaluator, named: ScenarioSource | None) -> dict[str, Any]:
-    """Notes for the folder of a campaign, as plain data.
-
-    Args:
-        evaluator: Evaluator of the campaign.
-        named: Scenario on the command line; the scene's own file and changes if None.
-    """
+def notes_of(evaluator: CampaignEvaluator) -> dict[str, Any]:
+    """Notes for the folder of a campaign, as plain data."""
     scene = evaluator.scene
-    named = named or ScenarioSource(_name_of(scene), scene.changes)
     about = "; ".join(dict.fromkeys(member.rollout.summary for member in evaluator.members))
     settings = evaluator.campaign.model_dump(mode="json", include=set(ASKED))
-    changes = [list(change) for change in named.changes]
-    notes = {"scenario": named.scenario, "changes": changes, "asked": settings, "about": about}
+    changes = [list(change) for change in scene.changes]
+    notes = {"scenario": _name_of(scene), "changes": changes, "asked": settings, "about": about}
     return dict(json.loads(json.dumps(notes)))
 
 

@@ -351,11 +351,6 @@ def _data_fault(data: xr.Dataset) -> str | None:
     return None if data.sizes["time"] else "no sample"
 
 
-def is_plan(folder: Path) -> bool:
-    """Whether a folder contains a plan."""
-    return (folder / SUMMARY).is_file()
-
-
 def _unit(scene: Scene, joints: tuple[int, ...], either: str) -> str:
     """Common unit of joints; ``either`` if some are revolute and others prismatic."""
     slides = {"P" in scene.model.joints[joint].shortname().removeprefix("JointModel") for joint in joints}

@@ -3,6 +3,7 @@
 import html
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from typer.testing import CliRunner
 from optim.campaign import LocalExecutor, load_campaign, reopen, run_campaign, simulate_sample, summarise
 from optim.campaign.analysis.sentences import stepping
 from optim.campaign.sampling.parameter_space import sensor_offsets
-from optim.campaign.store.run_settings import ScenarioSource
 from spacerobot.common.errors import DivergedError, ResultError
 from spacerobot.scenario import UncertainParameter
 from spacerobot.scene import load_scene
@@ -26,10 +26,11 @@ def quiet(_):
 
 
 @pytest.fixture(scope="module")
-def told(small, tmp_path_factory):
+def told(small_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shown") / "store"
-    scene = small(**{"campaign.series": ["tip_error", "grasp_torque"]})
-    found = run_campaign(scene, folder, named=ScenarioSource("a<b.yaml", [("gravity", [0.0, 0.0, 0.0])]))
+    file = Path(shutil.copy(small_file, small_file.with_name("a<b.yaml")))
+    scene = load_scene(file, {"campaign.series": ["tip_error", "grasp_torque"], "gravity": [0.0, 0.0, 0.0]})
+    found = run_campaign(scene, folder)
     return folder, found.evaluator, summarise(folder, found.evaluator)
 
 

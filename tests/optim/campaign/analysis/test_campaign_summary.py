@@ -13,7 +13,6 @@ from optim.campaign.analysis.summary import sample_statistics, summarise
 from optim.campaign.rollouts.evaluator import build_evaluator
 from optim.campaign.run import run_campaign
 from optim.campaign.store.netcdf import load_campaign
-from optim.campaign.store.run_settings import ScenarioSource
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.core import registry
@@ -23,10 +22,10 @@ from spacerobot.scene import build_scene
 
 
 @pytest.fixture(scope="module")
-def told(small, small_file, tmp_path_factory):
+def told(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("told") / "store"
     ran = run_campaign(small(), folder)
-    return ran, summarise(folder, ran.evaluator, ScenarioSource(str(small_file))), load_campaign(folder)
+    return ran, summarise(folder, ran.evaluator), load_campaign(folder)
 
 
 def test_failures_are_counted(told):
