@@ -1,4 +1,4 @@
-"""Robot arms on floating bases that dock with, capture, carry and release a floating object.
+"""Simulation, planning and tuning of robot arms on floating bases that capture and dock floating objects.
 
     import spacerobot as sr
 
@@ -6,8 +6,7 @@
     result = sr.simulate(scene)
     sr.animate(result, "docking.html")
 
-The names of ``__init__.pyi`` are loaded when they are first used, so that importing the package
-takes no time.
+The names of ``__init__.pyi`` are loaded at first use, so that the import of the package takes little time.
 """
 
 from spacerobot.common.lazy_names import lazy_names

@@ -1,1 +1,1 @@
-"""Functions of the public namespace and what they return."""
+"""Functions of the public namespace and the classes of their results."""

@@ -1,4 +1,4 @@
-"""Planar arms and rectangles, written as URDFs from numbers."""
+"""URDFs of planar arms and rectangles from a few numbers."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def make_arm(
     *,
     damping: float = 0.1,
 ) -> Description:
-    """Write a floating base with a chain of links in its x-y plane, by default the paper's robot, as a URDF.
+    """Write the URDF of a floating base with a planar chain of links, by default the paper's robot.
 
     Args:
-        file: URDF to write; a file that exists is replaced. Its stem is the name of the robot.
+        file: URDF to write; an existing file is replaced. Its stem is the name of the robot.
         links: Number of links, 1 to 200.
         link: Length, mass and inertia of each link; the paper's if None.
         base: Mass, inertia and radius of the base; the paper's if None.
-        damping: Viscous resistance of every joint [N m s/rad].
+        damping: Viscous damping of every joint [N m s/rad].
 
     Returns:
         Description: The URDF, read from the file.
@@ -47,10 +47,10 @@ def make_rectangle(
     mass_kg: float = 20.0,
     inertia_kg_m2: float = 2.25,
 ) -> Description:
-    """Write a rectangle with a mating frame on each of two opposite sides as a URDF (paper, Eq. 14, 15).
+    """Write the URDF of a rectangle with a mating frame on each of two opposite sides (paper, Eq. 14, 15).
 
     Args:
-        file: URDF to write; a file that exists is replaced. Its stem is the name of the object.
+        file: URDF to write; an existing file is replaced. Its stem is the name of the object.
         half_diagonal_m: Half of the diagonal, d [m].
         alpha_deg: Angle between the diagonal and the x axis [deg]; the frames are at -+d cos(alpha) on x.
         mass_kg: Mass [kg].

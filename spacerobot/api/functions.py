@@ -1,7 +1,7 @@
-"""One call for each job: simulate, plan, run a campaign, compare tuning methods.
+"""Functions of the public namespace: simulation, planning, Monte Carlo campaigns, comparison of tuning
+methods.
 
-These functions are the public namespace (``import spacerobot as sr``). They join the library with the
-packages ``optim`` and ``viz``, which are built on it, and import those when they are called.
+The functions import the packages ``optim`` and ``viz``, which depend on ``spacerobot``, when they are called.
 """
 
 from __future__ import annotations
@@ -34,26 +34,24 @@ def simulate(
     progress: Progress | None = None,
     controller: StrPath | OnboardController | None = None,
 ) -> Result:
-    """Simulate a scene; controllers with a Python update, such as ``mpc``, are updated on the way.
+    """Simulate a scene.
 
     Args:
-        scene: From :func:`load_scene`, or the name or file of its scenario.
-        backend: ``auto`` (compiled where a compiler is found), ``compiled`` or ``interpreted``.
-        progress: Called with a few words whenever a step that may take a while begins.
-        controller: Shared library built from ``spacerobot export controller``, which then takes the place of
-            the periodic controllers, estimators and detections; or such a controller behind a link. A library
-            runs with the rights of this process: load only what you built yourself.
+        scene: Scene from :func:`load_scene`, or the name or file of its scenario.
+        backend: ``auto`` (chosen by the estimated time), ``compiled`` or ``interpreted``.
+        progress: Callback with a short text, called when a step that may take long begins.
+        controller: Shared library built from ``spacerobot export controller``, or a link to such a controller
+            on other hardware. It replaces the periodic controllers, estimators and detections. A library runs
+            with the rights of this process: load only what you built yourself.
 
     Returns:
-        Result: Also of a simulation that diverged, up to that time; ``result.summary["status"]`` says so.
+        Result: Signals up to the end, or up to the time of divergence (``result.summary["status"]``).
 
     Raises:
-        CompileError: If a compiled backend is required and cannot be had.
-        DivergedError: If there is no finite sample at all, no step keeps to the tolerance, or a grasp does
-            not close.
-        NoPlanError: If model predictive control finds no first plan.
-        ScenarioError: If the scenario cannot be simulated by its engine, or its result does not fit into the
-            memory.
+        CompileError: If a compiled backend is required and there is no compiler.
+        DivergedError: If no sample is finite, no step satisfies the tolerance, or a grasp does not close.
+        NoPlanError: If model predictive control finds no initial plan.
+        ScenarioError: If the scenario's engine cannot simulate it, or its result exceeds the memory.
         SpaceRobotError: If a controller cannot be loaded, or was exported from another scenario.
     """
     return _simulate(to_scene(scene), backend=backend, progress=progress, controller=controller)
@@ -72,19 +70,19 @@ def campaign(
 
     Args:
         scene: A scene whose scenario has a ``campaign`` section, or the scenario's name or file.
-        folder: Folder in which samples are stored as they end, so that an interrupted campaign continues when
-            it is called again; a temporary folder, removed with the result, if None.
-        gains: Sets of gains to compare: changes by dotted path, by name; or names of the section's sets,
-            ``scenario`` for the scenario's own gains, and ``NAME=DIR`` for those of a result. The section's
-            sets if None.
-        progress: Called when a phase begins and after every chunk.
+        folder: Folder in which finished samples are stored. A second call with the folder of an interrupted
+            campaign continues it. A temporary folder, removed with the result, if None.
+        gains: Sets of gains to compare: a mapping from their names to changes by dotted path; or a list of
+            names of the section's sets, ``scenario`` (the scenario's own gains) and ``NAME=DIR`` (gains of a
+            result). The section's sets if None.
+        progress: Callback, called when a phase begins and after every chunk of samples.
         threads: Number of threads; one for each usable core if None. Results do not depend on it.
-        dask: Address of a Dask cluster that rolls out, as ``local:4``; this process if None. Results do not
-            depend on it.
+        dask: Address of the Dask cluster that rolls out, such as ``local:4``; this process if None. Results
+            do not depend on it.
 
     Raises:
-        ScenarioError: If the section does not fit the scene, or there is no such set of gains.
-        ResultError: If the folder holds something else, is in use or cannot be written.
+        ScenarioError: If the section is inconsistent with the scene, or a set of gains is unknown.
+        ResultError: If the folder has other content, is in use or cannot be written.
     """
     from optim.campaign import LocalExecutor, run_campaign
     from optim.campaign.cluster import DaskExecutor
@@ -107,26 +105,26 @@ def plan(
     sensitivities: Sequence[str] = (),
     **options: Unpack[PlanOptions],
 ) -> PlanResult:
-    """Solve the trajectory optimisation problem of a ``plan`` section, and verify the solution by replay.
+    """Solve the trajectory optimisation problem of a ``plan`` section and verify the solution by replay.
 
     Args:
         scene: A scene whose scenario has a ``plan`` section, or the scenario's name or file.
         folder: Folder for ``plan.nc``, ``plan.json`` and ``followed.yaml``, the scenario that follows the
-            plan; an interrupted search continues there. Nothing is written if None.
-        warm_start: Folder of an earlier plan, or its ``plan.nc``, as the first guess.
-        sensitivities: Dotted paths of the scenario's numbers by which the optimal cost is differentiated,
-            without planning again; ``summary["cost_sensitivities"]`` has the derivatives, per unit of the
-            scenario.
+            plan. A second call with the folder of an interrupted search continues it. Nothing is written if
+            None.
+        warm_start: Folder of an earlier plan, or its ``plan.nc``, as the initial guess.
+        sensitivities: Dotted paths of numbers with respect to which the optimal cost is differentiated.
+            ``summary["cost_sensitivities"]`` has the derivatives, per unit of the scenario.
         **options: See :class:`~spacerobot.api.options.PlanOptions`.
 
     Returns:
         PlanResult: Motion, cost and the result of the verification.
 
     Raises:
-        ScenarioError: If the section does not fit the scene, ``warm_start`` is no plan of such a scene, or
-            there is no number by which to differentiate.
+        ScenarioError: If the section is inconsistent with the scene, ``warm_start`` is not a plan of such a
+            scene, or a path of ``sensitivities`` is not a number.
         NoPlanError: If no feasible motion was found, or the solution fails the verification.
-        ResultError: If the folder holds something else or cannot be written.
+        ResultError: If the folder has other content or cannot be written.
     """
     from optim.planning.output.plan_folder import SUMMARY
     from optim.planning.search.make_plan import make_plan
@@ -153,16 +151,15 @@ def compare(
 
     Args:
         scene: A scene whose scenario has a ``tuning`` section, or the scenario's name or file.
-        folder: Folder of the journals, so that an interrupted comparison continues, of ``comparison.json``,
-            ``comparison.md``, figures and each method's best design; nothing is written if None.
-        methods, variants, sets: Names of methods, variants and sets of variables; all that the section names
-            if None.
-        effort: Budget of the methods; the same for each if None.
+        folder: Folder for ``comparison.json``, ``comparison.md``, figures, the best design of each method,
+            and journals from which an interrupted comparison continues. Nothing is written if None.
+        methods, variants, sets: Names of methods, variants and sets of variables; all of the section if None.
+        effort: Numbers of evaluations, runs and starts; those of the section if None.
         **options: See :class:`~spacerobot.api.options.SearchOptions`.
 
     Raises:
-        ScenarioError: If there is no tuning section, or it does not have what is named.
-        ResultError: If the folder holds something else or cannot be written.
+        ScenarioError: If there is no tuning section, or it lacks a named method, variant or set.
+        ResultError: If the folder has other content or cannot be written.
     """
     from optim.comparison.compare import compare as run
 
@@ -181,17 +178,18 @@ def compare_suite(
     effort: Mapping[str, int | None] | None = None,
     **options: Unpack[SearchOptions],
 ) -> ComparisonResult:
-    """Compare tuning methods on the benchmark problems that ship.
+    """Compare tuning methods on the shipped benchmark problems.
 
     Args:
-        folder: As of :func:`compare`.
+        folder: As for :func:`compare`.
         problems, methods: Names of problems and methods; all problems and the suite's methods if None.
-        effort: ``budget``, ``runs``, ``starts`` and ``seed`` in place of the suite's; None leaves one.
+        effort: Values that replace the suite's ``budget``, ``runs``, ``starts`` and ``seed``; those that are
+            missing or None stay.
         **options: See :class:`~spacerobot.api.options.SearchOptions`.
 
     Raises:
-        SpaceRobotError: If there is no such problem.
-        ResultError: If the folder holds something else or cannot be written.
+        SpaceRobotError: If a problem is unknown.
+        ResultError: If the folder has other content or cannot be written.
     """
     from optim.comparison.suite import compare_suite as run
 
@@ -200,7 +198,7 @@ def compare_suite(
 
 
 def _comparison_session(folder: StrPath | None, options: SearchOptions) -> SearchSession:
-    """Session of a comparison whose output folder is free for one."""
+    """Search session of a comparison, after a check of its output folder."""
     from spacerobot.result import check_folder
 
     if folder is not None:
@@ -209,7 +207,7 @@ def _comparison_session(folder: StrPath | None, options: SearchOptions) -> Searc
 
 
 def _compared(comparison: Comparison, folder: StrPath | None, options: SearchOptions) -> ComparisonResult:
-    """Result of a comparison, written with its document and figures if there is a folder."""
+    """Result of a comparison; with a folder, it is written together with a document and figures."""
     result = ComparisonResult.of(comparison)
     if folder is None:
         return result

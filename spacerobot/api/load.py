@@ -1,4 +1,4 @@
-"""Read any result of the public namespace."""
+"""Reader of all results of the public namespace."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 FolderResult: TypeAlias = "Study | TuningResult | RobustTuningResult | SweepResult | SavedMargins"
-"""Results that are folders, those of simulations aside."""
+"""Results in folders, except those of simulations."""
 
 
 def _tuning(path: Path) -> TuningResult:
@@ -60,7 +60,7 @@ STUDIES: tuple[type[Study], ...] = (
     DesignStudyResult,
     PlanResult,
 )
-"""Kinds of studies, in the order in which their files are looked for: a design study holds a plan too."""
+"""Kinds of studies in the order of the search for their files; that of a design study has a plan too."""
 
 FOLDERS: dict[str, Callable[[Path], FolderResult]] = {
     **{kind.file: kind.load for kind in STUDIES},
@@ -69,7 +69,7 @@ FOLDERS: dict[str, Callable[[Path], FolderResult]] = {
     "sweep.json": _sweep,
     "margins.nc": _margins,
 }
-"""Files by which folders are known, in this order, and what reads each; other folders hold a result."""
+"""Reader of a folder by the file that it contains, in the order of the search; other folders are results."""
 
 
 def load(
@@ -83,7 +83,7 @@ def load(
     | FailureProbability
     | Falsification
 ):
-    """Read what a result's ``save`` wrote, or a command with ``--out``.
+    """Read a result that was written by its ``save`` or by a command with ``--out``.
 
     Args:
         path: Folder of a result, campaign, plan, Pareto front, design study, comparison, tuning, robust
@@ -91,11 +91,11 @@ def load(
             falsification.
 
     Returns:
-        object: Of the class that was saved. A folder with a tuning's best design as a result gives the
-            tuning, whose result is read by :meth:`spacerobot.Result.load`.
+        object: Result of the class that was saved. The folder of a tuning also contains the simulation of the
+            best design, which :meth:`spacerobot.Result.load` reads.
 
     Raises:
-        ResultError: If it is none of these or cannot be read.
+        ResultError: If the path is not a result or cannot be read.
     """
     path = Path(path)
     if path.is_file() and path.suffix == ".json":

@@ -20,9 +20,9 @@ class PlanOptions(TypedDict, total=False):
     """Keyword arguments of functions that plan.
 
     Attributes:
-        backend: ``auto`` (compiled where that pays), ``compiled`` or ``interpreted``.
-        progress: Called with a few words whenever a step that may take a while begins.
-        dask: Address of a Dask cluster that solves: ``local:N``, ``tcp://HOST:PORT`` or a scheduler file;
+        backend: ``auto`` (chosen by the estimated time), ``compiled`` or ``interpreted``.
+        progress: Callback with a short text, called when a step that may take long begins.
+        dask: Address of the Dask cluster that solves: ``local:N``, ``tcp://HOST:PORT`` or a scheduler file;
             this process if None. Results do not depend on it.
     """
 
@@ -37,8 +37,8 @@ class SearchOptions(TypedDict, total=False):
     Attributes:
         workers: Workers that roll out, from :func:`spacerobot.open_workers`; threads of this process if None.
             Results do not depend on it.
-        progress: Called with the progress of each search.
-        notify: Called with a few words whenever a step that may take a while begins.
+        progress: Callback with the progress of each search.
+        notify: Callback with a short text, called when a step that may take long begins.
     """
 
     workers: Workers | None
@@ -47,7 +47,7 @@ class SearchOptions(TypedDict, total=False):
 
 
 def journals(folder: StrPath | None) -> Path | None:
-    """Folder inside an output folder that keeps what an interrupted call continues from."""
+    """Folder of the journals inside an output folder; an interrupted call continues from them."""
     return None if folder is None else Path(folder) / JOURNALS
 
 
@@ -55,7 +55,7 @@ def search_session(folder: StrPath | None, options: SearchOptions) -> SearchSess
     """Journals, workers and callbacks of searches.
 
     Args:
-        folder: Output folder, in which journals are kept; none are if None.
+        folder: Output folder, which contains the journals; no journals if None.
         options: Keyword arguments of the call.
     """
     from optim.search.session import SearchSession

@@ -1,4 +1,4 @@
-"""Figures, animations and reports of everything that is simulated, tuned, planned or compared."""
+"""Figures, animations and reports of results and studies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Source = Result | Study
 Sources = Source | StrPath | Sequence[Source | StrPath]
-"""Results, or the folders that hold them."""
+"""One or several results, or their folders."""
 
 
 def figures(
@@ -36,10 +36,10 @@ def figures(
     formats: Sequence[str] = ("pdf", "png"),
     width: str = "double",
 ) -> dict[str, Drawing]:
-    """Draw the figures of a result, of several compared, of a plan, or of a study of plans.
+    """Draw the figures of one or several results, of a plan, or of a study of plans.
 
     Args:
-        results: One result or several, or their folders; a plan, alone or with the result that follows it; a
+        results: One or several results, or their folders; a plan, alone or with the result that follows it; a
             Pareto front; a design study.
         folder: Folder for the files ``NAME.FORMAT``; nothing is written if None.
         names: Names of the figures, as in :func:`viz.figures.figure_kinds`; all that apply if None.
@@ -47,7 +47,7 @@ def figures(
         width: ``single`` (89 mm) or ``double`` (183 mm) column of a journal.
 
     Returns:
-        dict: Matplotlib figures by name; each shows itself in a notebook.
+        dict: Matplotlib figures by name, which notebooks display.
 
     Raises:
         ResultError: If a name, a format or the width is unknown, the results cannot be compared, or a file
@@ -84,18 +84,21 @@ def animate(
     at: float | None = None,
     progress: Progress | None = None,
 ) -> EmbeddedPage | None:
-    """Animate a result, several side by side, a plan and its simulation, a comparison, or a campaign.
+    """Animate one or several results, a plan and its simulation, a comparison, or a campaign.
 
     Args:
-        results: One result or several, or their folders; one campaign, comparison or plan; a result and its
+        results: One or several results, or their folders; one campaign, comparison or plan; a result and its
             plan.
         path: File to write: ``.html`` (a page that works offline), ``.gif``, ``.mp4`` (needs ffmpeg) or
-            ``.png`` (one picture) of the first result. If None, the animation is returned and shows itself in
-            a notebook's cell.
+            ``.png`` (one picture). Recordings and pictures have the first result only. If None, the animation
+            is returned.
         title: Title of the page.
-        speed: Speed of a recording relative to real time; such that it lasts at most 20 s if None.
+        speed: Speed of a recording relative to real time; if None, the recording takes at most 20 s.
         at: Time of a picture [s]; the first capture if None.
-        progress: Called with a few words whenever a step that may take a while begins.
+        progress: Callback with a short text, called when a step that may take long begins.
+
+    Returns:
+        EmbeddedPage: Animation that a notebook displays; None if a file was written.
 
     Raises:
         ResultError: If the format is unknown, the results cannot be compared, or the file cannot be written.
@@ -108,7 +111,7 @@ def animate(
     sources, target = opened(results), None if path is None else Path(path)
     is_page = target is None or target.suffix.lower() in (".html", ".htm")
     if not is_page and len(sources) == 1 and isinstance(sources[0], Result):
-        played = Playback({}, _only_results(sources))  # a recording needs no data of a page
+        played = Playback({}, _only_results(sources))  # a recording does not use the page's data
     else:
         played = playback(sources, progress, title)
     if target is None:
@@ -136,13 +139,14 @@ def view(
     """Serve the animation of :func:`animate` to a browser on this computer.
 
     Args:
-        results: As of :func:`animate`.
+        results: As for :func:`animate`.
         port: First port to try; busy ports are skipped.
-        on_start: Called with the viewer as soon as its page can be opened. A campaign's page shows the spread
-            of the metrics then; its worst samples follow when they are simulated.
+        on_start: Callback with the viewer, called when its page can be opened. The page of a campaign then
+            shows the spread of the metrics; its worst samples are added after their simulation.
 
     Returns:
-        LiveViewer: Server, until its ``close`` or the end of its ``with`` block; ``open`` opens a browser.
+        LiveViewer: Server, which runs until its ``close`` or the end of its ``with`` block. Its ``open``
+            opens a browser.
 
     Raises:
         ResultError: If the results cannot be compared or played.
@@ -169,15 +173,15 @@ def view(
 def report(
     results: Sources | Tabular, path: StrPath, *, title: str | None = None, progress: Progress | None = None
 ) -> None:
-    """Write one self-contained page: numbers, figures, animation, ledger, warnings.
+    """Write a self-contained HTML page with numbers, figures, animation, conservation ledger and warnings.
 
     Args:
-        results: One result or several compared, or their folders, of which each may hold several; or one
-            campaign, comparison or plan; or the file or folder of margins, a batch, a gradient, a failure
-            probability, a falsification or an identification.
-        path: The page, ``.html``.
-        title: Heading of a page about results; made of their names if None.
-        progress: Called with a few words whenever a step that may take a while begins.
+        results: One or several results, or folders of one or several results; one campaign, comparison or
+            plan; or the file or folder of margins, a batch, a gradient, a failure probability, a
+            falsification or an identification.
+        path: HTML file to write.
+        title: Heading of the page; the names of the results if None.
+        progress: Callback with a short text, called when a step that may take long begins.
 
     Raises:
         ResultError: If the results cannot be compared or the file cannot be written.
@@ -210,19 +214,17 @@ def report(
 
 
 def _tables_page(result: Tabular, title: str) -> str:
-    """Page with the tables and figures of what has no page of its own."""
+    """Page with the tables and figures of a result without a page of its own."""
     from viz.report.tables_report import tables_report
 
     return tables_report(result, title)
 
 
 def _tabular(named: Sequence[Source | StrPath]) -> tuple[Tabular, str] | None:
-    """Result that presents itself by tables, read from a file or a folder of margins, and its heading.
-
-    None where nothing of that sort is named.
+    """Result of a file, or of a folder of margins, and its heading; None if no source is one.
 
     Raises:
-        ResultError: If it is named with others.
+        ResultError: If there are other sources besides it.
     """
     for source in named:
         if not isinstance(source, str | os.PathLike):
@@ -246,7 +248,7 @@ def _heading(result: Tabular) -> str:
 
 
 def playback(sources: Sources, progress: Progress | None = None, title: str | None = None) -> Playback:
-    """Data of the animated page for results, or for one campaign, comparison or plan.
+    """Data of the animated page, and the results in it.
 
     Raises:
         ResultError: If the results cannot be compared or played.
@@ -266,14 +268,14 @@ def playback(sources: Sources, progress: Progress | None = None, title: str | No
 
 
 def opened(sources: Sources, *, several: bool = False) -> list[Source]:
-    """Results of folders; what is no folder stays as it is.
+    """Results and studies, those of folders loaded.
 
     Args:
         sources: Results or folders, one or several.
-        several: Whether a folder may hold several results in folders of its own.
+        several: Whether a folder may contain several results in subfolders.
 
     Raises:
-        ResultError: If a folder holds nothing that can be shown.
+        ResultError: If a folder has no result, or there are no sources.
     """
     opened_sources: list[Source] = []
     for source in _listed(sources):
@@ -297,17 +299,17 @@ def _listed(sources: Sources) -> Sequence[Source | StrPath]:
 
 
 def _study_name(source: Source | StrPath) -> str | None:
-    """Kind of study that a result or a folder is; None for a result of a simulation."""
+    """Kind of a study or of a study's folder; None for the result of a simulation."""
     if isinstance(source, Source):
         return source.name if isinstance(source, Study) else None
     return next((kind.name for kind in STUDIES if (Path(source) / kind.file).is_file()), None)
 
 
 def _holds_results(folder: Path) -> bool:
-    """Whether a folder is no result, campaign, comparison or plan itself but holds results.
+    """Whether a folder contains results in subfolders, and is not itself a result or study.
 
     Raises:
-        ResultError: If it holds one of the others as well.
+        ResultError: If a subfolder is a study.
     """
     from spacerobot.result.store import DATA, JOBS
 
@@ -321,10 +323,10 @@ def _holds_results(folder: Path) -> bool:
 
 
 def _only_results(sources: Sequence[Source]) -> list[Result]:
-    """Results of single simulations.
+    """The sources, all results of simulations.
 
     Raises:
-        ResultError: If anything else is among them.
+        ResultError: If a source is a study.
     """
     for source in sources:
         if not isinstance(source, Result):

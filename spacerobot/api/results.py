@@ -33,10 +33,10 @@ class CampaignResult(Study):
     """A Monte Carlo campaign in its folder.
 
     Attributes:
-        folder: Where its samples are stored.
-        evaluator: Simulates samples; see :meth:`simulate`.
-        is_complete: Whether every sample was run; started again with the same folder, an interrupted one
-            continues.
+        folder: Folder of the samples.
+        evaluator: Evaluator of samples; see :meth:`simulate`.
+        is_complete: Whether every sample was run. :func:`spacerobot.campaign` with the same folder continues
+            an interrupted campaign.
     """
 
     name: ClassVar[str] = "campaign"
@@ -49,7 +49,7 @@ class CampaignResult(Study):
 
     @cached_property
     def data(self) -> xr.Dataset:
-        """Draws (sample, parameter) and metrics (sample, gains, ...) of every sample."""
+        """Parameter draws (sample, parameter) and metrics (sample, gains, ...)."""
         from optim.campaign import load_campaign
 
         return load_campaign(self.folder)
@@ -63,19 +63,19 @@ class CampaignResult(Study):
 
     @property
     def done(self) -> int:
-        """Number of samples that are complete."""
+        """Number of finished samples."""
         return int(self.data.sizes["sample"])
 
     @property
     def total(self) -> int:
-        """Number of samples of the whole campaign."""
+        """Number of samples of the complete campaign."""
         return self.evaluator.campaign.count
 
     def simulate(self, sample: int, gains: str | None = None) -> Result:
-        """Result of one sample.
+        """Simulate one sample again and return its result.
 
         Args:
-            sample: Its number.
+            sample: Number of the sample.
             gains: Name of a set of gains; the first if None.
         """
         from optim.campaign import simulate_sample
@@ -87,7 +87,7 @@ class CampaignResult(Study):
         """Copy the campaign's folder.
 
         Raises:
-            ResultError: If it cannot be copied, or something is there already.
+            ResultError: If the folder cannot be copied, or ``path`` exists.
         """
         return CampaignResult(copied(self.folder, path), self.evaluator, self.is_complete)
 
@@ -96,7 +96,7 @@ class CampaignResult(Study):
         """Open the folder of a campaign.
 
         Raises:
-            ResultError: If it holds none, or was made by another version or from other URDFs.
+            ResultError: If the folder has no campaign, or one of another version or other URDFs.
         """
         from optim.campaign import reopen
 
@@ -117,13 +117,13 @@ class CampaignResult(Study):
         return campaign_content(self.summary)
 
     def notices(self) -> Sequence[str]:
-        """Missing samples, and reasons to doubt the numbers."""
+        """Warnings about missing samples and about the reliability of the numbers."""
         from optim.campaign.analysis.sentences import unfinished
 
         return [text for text in (unfinished(self.summary), *self.summary["doubts"]) if text]
 
     def playback(self, progress: Progress) -> Playback:
-        """Worst samples, simulated, with the spread of the metrics."""
+        """Animation of the worst samples, which are simulated, with the spread of the metrics."""
         from viz.report.campaign_data import campaign_data
         from viz.report.campaign_section import animated_worst
 
@@ -140,7 +140,7 @@ class CampaignResult(Study):
         return campaign_page(self.folder, progress, self.evaluator)
 
     def first_view(self) -> dict[str, Any]:
-        """Spread of the metrics, before the worst samples are simulated."""
+        """Page with the spread of the metrics, shown before the worst samples are simulated."""
         from viz.report.campaign_data import first_page
 
         return first_page(self.folder, self.evaluator)
@@ -151,10 +151,10 @@ class PlanResult(Study):
     """A planned motion, verified by replay.
 
     Attributes:
-        data: The motion over time, labelled and with units, as in ``plan.nc``.
-        summary: Cost and its terms, durations, verification and how it was found, as in ``plan.json``.
-        folder: Where it was read from or written to, if it was.
-        planned: The solved problem, from :func:`spacerobot.plan`; None where it was read from files.
+        data: Motion over time with labels and units, as in ``plan.nc``.
+        summary: Cost and its terms, durations, verification and solver runs, as in ``plan.json``.
+        folder: Folder that the plan was read from or written to, or None.
+        planned: Solved problem, from :func:`spacerobot.plan`; None if the plan was read from files.
     """
 
     name: ClassVar[str] = "plan"
@@ -171,10 +171,10 @@ class PlanResult(Study):
 
         Args:
             planned: The solved problem.
-            sensitivities: Dotted paths of numbers by which the optimal cost is differentiated.
+            sensitivities: Dotted paths of numbers with respect to which the optimal cost is differentiated.
 
         Raises:
-            ScenarioError: If there is no such number.
+            ScenarioError: If a path is not a number of the scenario.
         """
         from optim.planning.output.plan_folder import dataset, summary
         from optim.planning.studies.cost_sensitivities import cost_sensitivities
@@ -195,20 +195,20 @@ class PlanResult(Study):
         return float(self.summary["duration_s"])
 
     def scene(self) -> Scene:
-        """Scene of the scenario that follows the plan, which is that of ``followed.yaml``."""
+        """Scene of ``followed.yaml``, the scenario that follows the plan."""
         from optim.planning.output.plan_folder import FOLLOWED, write
 
         if self.folder is not None:
             return load_scene(self.folder / FOLLOWED, expand_xacro=False)
-        assert self.planned is not None  # a result has a folder, or is just solved
-        # a scenario takes the motion from the plan's file, so that the scene is that of a plan that was saved
+        assert self.planned is not None  # without a folder, the plan is a new solution
+        # the scenario reads the motion from the plan's file
         with tempfile.TemporaryDirectory(prefix="spacerobot-plan-") as folder:
             write(self.planned, folder)
             scene = load_scene(Path(folder) / FOLLOWED, expand_xacro=False)
         return replace(scene, source=self.planned.scene.source)
 
     def problem_scene(self) -> Scene:
-        """Scene that was planned for."""
+        """Scene of the planning problem."""
         from optim.planning.output.plan_folder import SCENARIO
 
         if self.planned is not None:
@@ -220,7 +220,7 @@ class PlanResult(Study):
         """Write ``plan.nc``, ``plan.json`` and ``followed.yaml``, the scenario that follows the plan.
 
         Raises:
-            ResultError: If the folder holds something else or cannot be written.
+            ResultError: If the folder has other content or cannot be written.
         """
         from optim.planning.output.plan_folder import SUMMARY, write
         from spacerobot.result import check_folder
@@ -237,7 +237,7 @@ class PlanResult(Study):
         """Read the folder of a plan.
 
         Raises:
-            ResultError: If it holds none.
+            ResultError: If the folder has no plan.
         """
         from optim.planning.output.plan_folder import read
 
@@ -259,7 +259,7 @@ class PlanResult(Study):
         return notices
 
     def drawings(self, simulated: Sequence[Result]) -> dict[str, Drawing]:
-        """Figures of the plan, with the simulation that follows it where there is one."""
+        """Figures of the plan, with the first of the given simulations that follow it."""
         from optim.planning.output.constraint_values import with_flown
         from viz.figures.plan import plan_figures
 
@@ -269,11 +269,11 @@ class PlanResult(Study):
         return dict(plan_figures(data, self.summary, result))
 
     def playback(self, progress: Progress) -> Playback:
-        """Simulation that follows the plan, with the plan drawn pale underneath."""
+        """Animation of a simulation that follows the plan, with the planned motion drawn in pale colours."""
         return self.followed_by(simulate(self.scene(), progress=progress))
 
     def followed_by(self, simulated: Result) -> Playback:
-        """Playback of a result with the plan that it follows drawn pale underneath."""
+        """Animation of a result that follows the plan, with the planned motion drawn in pale colours."""
         from viz.page.plan_overlay import beside_its_plan
 
         return Playback(beside_its_plan(simulated, self.problem_scene(), self.data), [simulated])
@@ -292,8 +292,8 @@ class ComparisonResult(Study):
 
     Attributes:
         summary: Objectives, costs, running times and robustness of each method, as in ``comparison.json``.
-        folder: Where it was read from or written to, if it was.
-        comparison: All runs, from :func:`spacerobot.compare`; None where it was read from files.
+        folder: Folder that the comparison was read from or written to, or None.
+        comparison: All runs, from :func:`spacerobot.compare`; None if the comparison was read from files.
     """
 
     name: ClassVar[str] = "comparison"
@@ -305,7 +305,7 @@ class ComparisonResult(Study):
 
     @classmethod
     def of(cls, comparison: Comparison) -> ComparisonResult:
-        """Of its runs."""
+        """Result of a comparison's runs."""
         from optim.comparison.report import to_data
 
         return cls(to_data(comparison), None, comparison)
@@ -314,7 +314,7 @@ class ComparisonResult(Study):
         """Write ``comparison.json``, and each evaluated design as a result.
 
         Raises:
-            ResultError: If something cannot be written.
+            ResultError: If a file cannot be written.
         """
         from optim.comparison.results import write
 
@@ -328,7 +328,7 @@ class ComparisonResult(Study):
         """Read the folder of a comparison.
 
         Raises:
-            ResultError: If it holds none.
+            ResultError: If the folder has no comparison.
         """
         file = Path(path) / cls.file
         try:
@@ -349,13 +349,13 @@ class ComparisonResult(Study):
         return comparison_content(self.summary)
 
     def notices(self) -> Sequence[str]:
-        """Best designs that are not to be trusted."""
+        """Warnings about best designs that are not trustworthy."""
         from optim.comparison.tables import doubts
 
         return [doubt for benchmark in self.summary["problems"] for doubt in doubts(benchmark)]
 
     def playback(self, progress: Progress) -> Playback:
-        """Best designs of the methods, side by side."""
+        """Animation of the methods' best designs, side by side."""
         from viz.page.animation import animation
         from viz.report.comparison_section import designs_of
 
@@ -373,7 +373,7 @@ class ComparisonResult(Study):
         """Folder of the comparison.
 
         Raises:
-            ResultError: If it is not saved.
+            ResultError: If the comparison is not saved.
         """
         if self.folder is None:
             raise ResultError("a comparison is shown from its files; save it first")
@@ -381,10 +381,10 @@ class ComparisonResult(Study):
 
 
 def copied(folder: Path, path: StrPath) -> Path:
-    """Copy of a folder; the folder itself if it is the same.
+    """Copy a folder, unless ``path`` is that folder, and return the copy.
 
     Raises:
-        ResultError: If it cannot be copied, or something is there already.
+        ResultError: If the folder cannot be copied, or ``path`` exists.
     """
     target = Path(path)
     if target.resolve() == folder.resolve():

@@ -1,4 +1,4 @@
-"""Checks of a scenario, and lists of what a scenario may hold."""
+"""Checks of a scenario, and lists of scenarios and kinds of elements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SceneCheck(Tabular):
-    """Outcome of a check: the scene, its warnings and every modelling assumption.
+    """Result of a check: the scene, its warnings and every modelling assumption.
 
     Attributes:
         scene: The scene.
@@ -33,7 +33,7 @@ class SceneCheck(Tabular):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """Assumptions where the scenario is silent."""
+        """Modelling assumptions for values that the scenario does not state."""
         return self.scene.assumptions
 
     def content(self) -> Sequence[Content]:
@@ -46,7 +46,7 @@ class SceneCheck(Tabular):
         return [*content, Table("assumptions", (), [(text,) for text in self.assumptions])]
 
     def notices(self) -> Sequence[str]:
-        """The warnings."""
+        """Warnings of the check."""
         return self.warnings
 
     def __repr__(self) -> str:
@@ -61,7 +61,7 @@ def check(scene: Scene | StrPath) -> SceneCheck:
         scene: A scene, or the name or file of its scenario.
 
     Raises:
-        ScenarioError, DescriptionError: If it cannot be simulated, or the memory does not hold its result.
+        ScenarioError, DescriptionError: If the scene cannot be simulated, or its result exceeds the memory.
     """
     from spacerobot.scene import to_scene
     from spacerobot.scene.memory import check_size
@@ -69,7 +69,7 @@ def check(scene: Scene | StrPath) -> SceneCheck:
 
     scene = to_scene(scene)
     check_size(scene)
-    # only the closed loop knows the outputs that limits of phases may name
+    # limits of phases name outputs, which are checked when the closed loop is built
     phases = scene.scenario.phases.values()
     if any(phase.abort or (phase.until is not None and phase.until.limit) for phase in phases):
         from spacerobot.closedloop.loop_cache import cached_closed_loop
@@ -81,7 +81,7 @@ def check(scene: Scene | StrPath) -> SceneCheck:
 
 
 def _phase_table(scene: Scene) -> Table:
-    """Timeline of the phases: how each ends, what follows, and what differs in it."""
+    """Table of the phases: end conditions, next phases, and changes of the scenario in each phase."""
     from spacerobot.scenario.phases import differences, ways
 
     rows = []
@@ -92,7 +92,7 @@ def _phase_table(scene: Scene) -> Table:
 
 
 def _avoidance(scene: Scene) -> str:
-    """Pairs of links that plans keep apart, in words."""
+    """Number of link pairs between which plans avoid collisions, in words."""
     from optim.planning.formulation.link_pairs import link_pairs
 
     pairs = link_pairs(scene)
@@ -108,7 +108,7 @@ def _avoidance(scene: Scene) -> str:
 
 
 def scene_tree(scene: Scene) -> Tree:
-    """Tree of bodies, joints, tips, grasps, masses and initial gaps."""
+    """Tree of a scene: bodies with masses, joints and tips, grasps and contacts with initial gaps."""
     import numpy as np
     import pinocchio as pin
 
@@ -146,7 +146,7 @@ def scene_tree(scene: Scene) -> Tree:
 
 
 def _pose_text(pose: pin.SE3) -> str:
-    """Position, and roll, pitch, yaw."""
+    """Position [m] and roll, pitch, yaw [deg] of a pose in words."""
     import numpy as np
     import pinocchio as pin
 
@@ -156,7 +156,7 @@ def _pose_text(pose: pin.SE3) -> str:
 
 
 def _body_tree(scene: Scene, body: SceneBody) -> Tree:
-    """Tree of a body: mass and place, joints, elements and tips."""
+    """Tree of a body: mass, initial base position, joints, elements and tips."""
     import pinocchio as pin
 
     from spacerobot.scenario import Robot
@@ -197,7 +197,7 @@ def _body_tree(scene: Scene, body: SceneBody) -> Tree:
 
 
 def _joint_lines(scene: Scene, body: SceneBody) -> Iterator[str]:
-    """Lines of the joints of a body that bend no flexible link."""
+    """Lines of a body's joints, without those of flexible links."""
     by_name = {joint.name: joint for joint in body.description.joints}
     bends = {body.joint_name(scene.model, joint) for joint in body.passive}
     for name, joint in body.config.joints.items():
@@ -220,18 +220,18 @@ def _joint_lines(scene: Scene, body: SceneBody) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class ScenarioList(Tabular):
-    """Scenarios and URDFs that ship.
+    """Shipped scenarios and URDFs.
 
     Attributes:
         scenarios: Description of each scenario by name.
-        urdfs: Path of each URDF by name of the file.
+        urdfs: Path of each URDF by file name.
     """
 
     scenarios: dict[str, str]
     urdfs: dict[str, Path]
 
     def content(self) -> Sequence[Content]:
-        """Table of the scenarios, and the names of the URDFs in a sentence."""
+        """Table of the scenarios, and a sentence with the names of the URDFs."""
         folder = next(iter(self.urdfs.values())).parent
         return [
             Table("scenarios", ("name", "description"), list(self.scenarios.items())),
@@ -244,7 +244,7 @@ class ScenarioList(Tabular):
 
 
 def list_scenarios() -> ScenarioList:
-    """Scenarios and URDFs that ship.
+    """List the shipped scenarios and URDFs.
 
     Raises:
         DescriptionError: If the URDFs are missing.
@@ -273,8 +273,8 @@ class KindList(Tabular):
 
     Attributes:
         kinds: Section of each kind, by family and name.
-        summaries: Description of each kind in one line, likewise.
-        keys: Whether the keys of the kinds are presented, not their descriptions.
+        summaries: Description of each kind in one line, by family and name.
+        keys: Whether :meth:`content` has the keys of the kinds instead of their descriptions.
     """
 
     kinds: dict[str, dict[str, type[Section]]]
@@ -307,14 +307,14 @@ class KindList(Tabular):
 
 
 def list_kinds(name: str | None = None, kind: str | None = None) -> KindList:
-    """Kinds of elements, goals, limits and costs, or the keys of one kind.
+    """List the kinds of elements, goals, limits and costs, or the keys of one kind.
 
     Args:
-        name: Family whose kinds, or kind whose keys, are listed; all kinds if None.
-        kind: Kind of the family ``name``, if two families have one of that name.
+        name: Family, whose kinds are listed, or kind, whose keys are listed; all kinds if None.
+        kind: Kind in the family ``name``, if two families have kinds of the same name.
 
     Raises:
-        SpaceRobotError: If there is no such family or kind.
+        SpaceRobotError: If the family or kind is unknown.
     """
     families = _families()
     if name is None:

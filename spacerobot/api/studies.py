@@ -32,8 +32,8 @@ class ParetoFrontResult(Study):
         summary: Terms, units and points, as in ``front.json``: each point has its ``values`` by term in SI
             units, its ``status`` (``efficient``, ``dominated`` or ``refused``), the ``changes`` of the
             scenario that give it, and the summary of its plan.
-        folder: Folder that it was read from or written to, if it was.
-        front: The solved problems, from :func:`spacerobot.pareto_front`; None if it was read from files.
+        folder: Folder that the front was read from or written to, or None.
+        front: Solved problems, from :func:`spacerobot.pareto_front`; None if the front was read from files.
     """
 
     name: ClassVar[str] = "Pareto front"
@@ -56,7 +56,7 @@ class ParetoFrontResult(Study):
             name: Name of the point, such as ``point_3``.
 
         Raises:
-            ResultError: If there is no such point, or it has no plan.
+            ResultError: If the point is unknown or has no plan.
         """
         if self.front is None:
             assert self.folder is not None
@@ -67,10 +67,10 @@ class ParetoFrontResult(Study):
         return PlanResult.of(plans[name])
 
     def save(self, path: StrPath) -> ParetoFrontResult:
-        """Write ``front.json``, and the plan of each point into a folder of its own.
+        """Write ``front.json``, and the plan of each point to a subfolder.
 
         Raises:
-            ResultError: If the folder holds something else or cannot be written.
+            ResultError: If the folder has other content or cannot be written.
         """
         from optim.planning.output.front_folder import FRONT, write
 
@@ -82,17 +82,17 @@ class ParetoFrontResult(Study):
 
     @classmethod
     def load(cls, path: StrPath) -> Self:
-        """Read the folder of a front.
+        """Read the folder of a Pareto front.
 
         Raises:
-            ResultError: If it holds none.
+            ResultError: If the folder has no Pareto front.
         """
         from optim.planning.output.front_folder import FRONT
 
         return cls(_read(Path(path) / FRONT, "points"), Path(path))
 
     def content(self) -> Sequence[Content]:
-        """Values and cost of each point, and the reason for a refused one."""
+        """Table of the points: values and cost, or the reason why a point has no plan."""
         from optim.planning.output.front_folder import front_table
 
         return [front_table(self.summary)]
@@ -104,12 +104,12 @@ class ParetoFrontResult(Study):
         return {"front": front(self.summary)}
 
     def playback(self, progress: Progress) -> NoReturn:
-        """Refuse to play: each point has a motion of its own."""
+        """Always raise a ``ResultError``: a front has several motions."""
         message = "a Pareto front has no motion to play; name the plan of a point"
         raise ResultError(message, source=self.folder)
 
     def page(self, progress: Progress) -> NoReturn:
-        """Refuse to write a page: each point has one of its own."""
+        """Always raise a ``ResultError``: each point has a page."""
         raise ResultError("a Pareto front has no page; name the plan of a point", source=self.folder)
 
     def __repr__(self) -> str:
@@ -120,13 +120,13 @@ class ParetoFrontResult(Study):
 
 @dataclass(frozen=True)
 class DesignStudyResult(Study):
-    """Design that minimises a plan's optimal cost, and that cost around it.
+    """Design that minimises a plan's optimal cost, and sweeps of the cost over each variable.
 
     Attributes:
         summary: Variables, designs and sweeps, as in ``design.json``.
         plan: Plan of the optimal design, refined and verified.
-        folder: Folder that it was read from or written to, if it was.
-        study: All designs, from :func:`spacerobot.design_study`; None if it was read from files.
+        folder: Folder that the study was read from or written to, or None.
+        study: All designs, from :func:`spacerobot.design_study`; None if the study was read from files.
     """
 
     name: ClassVar[str] = "design study"
@@ -146,7 +146,7 @@ class DesignStudyResult(Study):
         """Write ``design.json`` and the plan of the optimal design.
 
         Raises:
-            ResultError: If the folder holds something else or cannot be written.
+            ResultError: If the folder has other content or cannot be written.
         """
         from optim.planning.output.plan_folder import SUMMARY
         from optim.planning.output.study_folder import write
@@ -163,14 +163,14 @@ class DesignStudyResult(Study):
         """Read the folder of a design study.
 
         Raises:
-            ResultError: If it holds none.
+            ResultError: If the folder has no design study.
         """
         from optim.planning.output.study_folder import DESIGN
 
         return cls(_read(Path(path) / DESIGN, "variables"), PlanResult.load(path), Path(path))
 
     def content(self) -> Sequence[Content]:
-        """Plan of the optimum, the variables, and the optimal cost over each of them."""
+        """Tables of the optimal plan, of the variables, and of the optimal cost over each variable."""
         from optim.planning.output.study_folder import study_tables
 
         return [*self.plan.content(), *study_tables(self.summary)]
@@ -180,13 +180,13 @@ class DesignStudyResult(Study):
         return self.plan.notices()
 
     def drawings(self, simulated: Sequence[Result]) -> dict[str, Drawing]:
-        """Figure of the optimal cost over each variable, and those of the optimal plan."""
+        """Figure of the optimal cost over each variable, and figures of the optimal plan."""
         from viz.figures.design_study import study
 
         return {"design": study(self.summary), **self.plan.drawings(simulated)}
 
     def playback(self, progress: Progress) -> Playback:
-        """Simulation that follows the optimal plan."""
+        """Animation of a simulation that follows the optimal plan."""
         return self.plan.playback(progress)
 
     def page(self, progress: Progress) -> str:
@@ -207,19 +207,20 @@ def pareto_front(
     points: int = 9,
     **options: Unpack[PlanOptions],
 ) -> ParetoFrontResult:
-    """Trade two terms of a plan's cost against each other.
+    """Compute the Pareto front of two terms of a plan's cost.
 
     Args:
         scene: A scene whose scenario has a ``plan`` section, or the scenario's name or file.
-        terms: Names of the two terms. With ``time`` the duration is swept, else the ratio of the two weights.
-        folder: Folder for ``front.json`` and the plan of each point; an interrupted front continues there.
-            Nothing is written if None.
+        terms: Names of the two terms. If one is ``time``, the duration is swept, otherwise the ratio of the
+            two weights.
+        folder: Folder for ``front.json`` and the plan of each point. A second call with the folder of an
+            interrupted front continues it. Nothing is written if None.
         points: Number of points.
         **options: See :class:`~spacerobot.api.options.PlanOptions`.
 
     Raises:
-        ScenarioError: If the terms have no weights, or the duration that is to be swept is fixed.
-        ResultError: If the folder holds something else or cannot be written.
+        ScenarioError: If the terms have no weights, or the duration to be swept is fixed.
+        ResultError: If the folder has other content or cannot be written.
     """
     from optim.planning.output.front_folder import FRONT, to_data
     from optim.planning.studies.pareto_front import FrontRequest, make_front
@@ -246,19 +247,19 @@ def design_study(
     points: int = 9,
     **options: Unpack[PlanOptions],
 ) -> DesignStudyResult:
-    """Optimise the numbers that ``plan.design`` names together with the motion, and sweep each of them.
+    """Optimise the variables of ``plan.design`` together with the motion, and sweep each variable.
 
     Args:
-        scene: A scene whose ``plan`` section names ``design`` variables, or the scenario's name or file.
-        folder: Folder for ``design.json`` and the plan of the optimal design; an interrupted study continues
-            there. Nothing is written if None.
+        scene: A scene whose ``plan`` section has ``design`` variables, or the scenario's name or file.
+        folder: Folder for ``design.json`` and the plan of the optimal design. A second call with the folder
+            of an interrupted study continues it. Nothing is written if None.
         points: Number of designs of each sweep, from bound to bound.
         **options: See :class:`~spacerobot.api.options.PlanOptions`; the cluster plans for the first design.
 
     Raises:
         ScenarioError: If the section names no variables, or unknown numbers.
-        NoPlanError: If the scenario's own design, or the optimal one, has no plan that holds.
-        ResultError: If the folder holds something else or cannot be written.
+        NoPlanError: If the scenario's own design, or the optimal one, has no verified plan.
+        ResultError: If the folder has other content or cannot be written.
     """
     from optim.planning.output.plan_folder import SUMMARY
     from optim.planning.output.study_folder import to_data
@@ -272,10 +273,10 @@ def design_study(
 
 
 def _read(file: Path, key: str) -> Mapping[str, Any]:
-    """Content of a JSON file that has a key.
+    """Content of a JSON file that must have a key.
 
     Raises:
-        ResultError: If it cannot be read.
+        ResultError: If the file cannot be read or has no such key.
     """
     try:
         data: Any = json.loads(file.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Base class of results that are no single simulation."""
+"""Base class of campaigns, comparisons, plans and studies of plans."""
 
 from __future__ import annotations
 
@@ -20,21 +20,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Playback:
-    """Data of an animated page, and the results in it."""
+    """Data of an animated page, and the results in it.
+
+    Attributes:
+        data: JSON data of the page.
+        results: Results that the page shows.
+    """
 
     data: dict[str, Any]
     results: Sequence[Result]
 
 
 class Study(Tabular):
-    """Result that is no single simulation: a campaign, a comparison, a plan, a study of plans.
-
-    A kind of study overrides the pictures that it has.
+    """Result of several simulations or of an optimisation: a campaign, a comparison, a plan, a study of
+    plans.
 
     Attributes:
-        name: Name of the kind in messages.
-        file: File by which the folder of such a study is known.
-        folder: Folder that holds the study, if it is saved.
+        name: Name of the kind of study in messages.
+        file: File that identifies the folder of such a study.
+        folder: Folder of the study; None if it is not saved.
     """
 
     name: ClassVar[str]
@@ -47,17 +51,17 @@ class Study(Tabular):
         """Read the folder of a study.
 
         Raises:
-            ResultError: If it holds none.
+            ResultError: If the folder has no such study.
         """
 
     def drawings(self, simulated: Sequence[Result]) -> dict[str, Drawing]:
-        """Figures by name.
+        """Figures of the study by name.
 
         Args:
             simulated: Results that are drawn with the study, such as the simulation that follows a plan.
 
         Raises:
-            ResultError: If such a study has no figures of its own.
+            ResultError: If this kind of study has no figures.
         """
         message = f"a {self.name} has no figures of its own; `spacerobot report` makes a page of it"
         raise ResultError(message, source=self.folder)
@@ -67,10 +71,10 @@ class Study(Tabular):
         """Data of the animated page.
 
         Args:
-            progress: Called with a few words whenever a step that may take a while begins.
+            progress: Callback with a short text, called when a step that may take long begins.
 
         Raises:
-            ResultError: If nothing can be played.
+            ResultError: If this kind of study has no animation.
         """
 
     @abstractmethod
@@ -78,12 +82,12 @@ class Study(Tabular):
         """Self-contained HTML page about the study.
 
         Args:
-            progress: As of :meth:`playback`.
+            progress: As for :meth:`playback`.
 
         Raises:
-            ResultError: If such a study has no page.
+            ResultError: If this kind of study has no page.
         """
 
     def first_view(self) -> dict[str, Any] | None:
-        """Data of a page that is served while :meth:`playback` is computed; None if that takes no time."""
+        """Data of a page shown while :meth:`playback` is computed; None if that takes little time."""
         return None

@@ -1,4 +1,4 @@
-"""Basilisk both ways: a scene in its world of messages, and its flight software on our base."""
+"""Coupling with Basilisk: scenes as Basilisk modules, and Basilisk's flight software as a controller."""
 
 from __future__ import annotations
 
@@ -25,29 +25,28 @@ def make_basilisk_scene(
     extrapolated: bool = True,
     backend: Literal["auto", "compiled", "interpreted"] = "auto",
 ) -> SceneModule:
-    """Make a module of Basilisk (``SysModel``) that steps a scene.
+    """Make a Basilisk module (``SysModel``) that simulates a scene.
 
-    Add it to a task first, then the spacecraft, then modules that read its messages: commands computed at one
-    step act until the next.
+    Add the module to a task first, then the spacecraft, then modules that read its messages. Commands
+    computed at one step act until the next.
 
     Args:
         scenario: A scene, or the name or file of its scenario.
-        robot: Name of the robot whose base is the spacecraft; the first on a floating base by default.
+        robot: Name of the robot whose base is the spacecraft; the first on a floating base if None.
         spacecraft: Basilisk's ``spacecraft.Spacecraft`` with a gravity field and dynamic effectors (drag,
-            solar pressure, magnetic torque rods, thrusters, external forces), which act on the base. It
-            follows the base. The scene's origin begins at its ``hub.r_CN_NInit`` and ``hub.v_CN_NInit`` and
-            falls in its gravity. None: no forces but the commands.
-        period: Time step of the task [s], for which the scene's own step is chosen.
-        extrapolated: Whether gravity and effectors are extrapolated over a step by a line, which makes the
-            coupling second-order; False holds them, for thrusters that switch.
+            solar pressure, magnetic torque rods, thrusters, external forces), which act on the base. The
+            spacecraft follows the base. The scene's origin starts at ``hub.r_CN_NInit`` with
+            ``hub.v_CN_NInit`` and falls freely in the gravity field. If None, only commands act.
+        period: Time step of the task [s].
+        extrapolated: Whether gravity and effectors are extrapolated linearly over a step, which makes the
+            coupling second-order in the step; False holds them, which suits thrusters that switch.
         backend: ``auto``, ``compiled`` or ``interpreted``.
 
     Returns:
-        SceneModule: Its attributes are the messages; ``result()`` gives the simulation as a result.
+        SceneModule: Module with the messages as attributes; ``result()`` returns the simulation's result.
 
     Raises:
-        SpaceRobotError: If the extra ``basilisk`` is not installed, or if state effectors are attached to
-            the spacecraft.
+        SpaceRobotError: If the extra ``basilisk`` is not installed.
         ScenarioError: If the scene has no such robot.
     """
     optional_module("Basilisk.architecture.sysModel", "basilisk", "spacerobot.basilisk")
@@ -63,19 +62,20 @@ def make_basilisk_controller(
     period: float = 0.01,
     backend: Literal["auto", "compiled", "interpreted"] = "auto",
 ) -> ControllerModule:
-    """Make a module of Basilisk (``SysModel``) that controls an ``MJScene`` by a scene's controllers.
+    """Make a Basilisk module (``SysModel``) with a scene's controllers, which control an ``MJScene``.
 
     Args:
         scenario: A scene, or the name or file of its scenario.
-        bodies: ``mujoco.MJScene`` with the bodies of the scene; made of the scene by default.
+        bodies: ``mujoco.MJScene`` with the bodies of the scene; built from the scene if None.
         period: Time step of the task [s], over which torques are held.
         backend: ``auto``, ``compiled`` or ``interpreted``.
 
     Returns:
-        ControllerModule: Its attribute ``bodies`` is the ``MJScene``.
+        ControllerModule: Module whose attribute ``bodies`` is the ``MJScene``.
 
     Raises:
         SpaceRobotError: If the extra ``basilisk`` is not installed.
+        ScenarioError: If a base has other actuators than wheels.
     """
     optional_module("Basilisk.architecture.sysModel", "basilisk", "spacerobot.basilisk")
     from spacerobot.basilisk.controller_module import ControllerModule

@@ -1,4 +1,4 @@
-"""A scene's controllers as a module of Basilisk that controls an ``MJScene``."""
+"""Basilisk module with a scene's controllers, which control an ``MJScene``."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from spacerobot.updates.plant import SinglePlant
 class ControllerModule(sysModel.SysModel):
     """Controllers of a scene for an ``MJScene``; see :func:`spacerobot.basilisk.make_basilisk_controller`.
 
-    At each step it reads the state of the bodies, predicts the step ahead with the scene's own model, and
-    holds the mean of the predicted torques. The prediction begins in the measured state, so that the held
-    torques differ from continuous ones at second order of the step; it also continues the controllers' states
-    (integrals, samples, phases).
+    At each step, the module reads the state of the bodies, predicts the next period with the scene's own
+    model, and commands the means of the predicted torques. Since the prediction begins in the measured state,
+    held torques differ from continuous ones only at second order of the period. The prediction also advances
+    the controllers' states (integrals, samples, phases).
 
     Attributes:
         scene: The scene.
         bodies: The ``MJScene``, to be added to a task before this module.
-        torqueOutMsgs: ``SingleActuatorMsg`` of each motor by name: joints, then wheels.
+        torqueOutMsgs: ``SingleActuatorMsg`` with the torque of each motor by name: joints, then wheels.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class ControllerModule(sysModel.SysModel):
         self._place_motors()
 
     def _check_actuators(self) -> None:
-        """Refuse actuators that the description has no motors for.
+        """Check that MuJoCo's description has motors for all actuators.
 
         Raises:
             ScenarioError: If a base has other actuators than wheels.
@@ -80,7 +80,7 @@ class ControllerModule(sysModel.SysModel):
                     )
 
     def _place_motors(self) -> None:
-        """Motors with the outputs that command them, and the states of wheels."""
+        """Connect motors to messages, and find the states of the wheels."""
         model = self.scene.model
         self._wheels, self._speeds = scene_wheels(self.scene)
         states = {state: 1 + i for i, state in enumerate(self._loop.state_names)}
@@ -88,7 +88,7 @@ class ControllerModule(sysModel.SysModel):
         driven = [joint for body in self.scene.bodies for joint in body.driven_joints]
         self._joint_places = [joints.index(joint) for joint in driven]
         names = [str(model.names[joint]) for joint in driven]
-        self._momenta = dict[int, list[int]]()  # states of the wheels' momenta by the joint of their base
+        self._momenta = dict[int, list[int]]()  # indices of the wheels' momenta, by the joint of their base
         for body in self.scene.robots:
             for key, actuator in body.config.actuators.items():  # type: ignore[union-attr]
                 if body.root_joint in self._wheels and actuator.momentum_storage() is not None:
@@ -103,10 +103,10 @@ class ControllerModule(sysModel.SysModel):
             self.bodies.getSingleActuator(name).actuatorInMsg.subscribeTo(message)
 
     def Reset(self, CurrentSimNanos: int) -> None:
-        """Place the bodies where the scene begins.
+        """Set the bodies to the initial state of the scene.
 
         Args:
-            CurrentSimNanos: Time [ns].
+            CurrentSimNanos: Time [ns], not used.
         """
         del CurrentSimNanos
         model, scene = self.scene.model, self.scene
@@ -132,7 +132,7 @@ class ControllerModule(sysModel.SysModel):
                 self.bodies.getBody(name).getScalarJoint(name).setVelocity(float(speed))
 
     def UpdateState(self, CurrentSimNanos: int) -> None:
-        """Command the motors for the next step.
+        """Command the motors for the next period.
 
         Args:
             CurrentSimNanos: Time [ns].
@@ -145,13 +145,14 @@ class ControllerModule(sysModel.SysModel):
         start[1 + model.nq : 1 + model.nq + model.nv] = v
         for joint, (axes, inertia) in self._wheels.items():
             first = model.idx_vs[joint]
+            # axial momentum J (relative speed + a . w): the base's rotation turns the wheels too
             start[self._momenta[joint]] = inertia * (speeds[joint] + axes.T @ v[first + 3 : first + 6])
         self._plant.advance(np.array([0]), t + self._period)
         for message, torque in zip(self.torqueOutMsgs.values(), self._torques(), strict=True):
             message.write(messaging.SingleActuatorMsgPayload(input=torque), CurrentSimNanos, self.moduleID)
 
     def _torques(self) -> Array:
-        """Means of the predicted torques of all motors.
+        """Mean predicted torques of all motors (n,) [N m].
 
         Raises:
             SpaceRobotError: If the prediction diverges.

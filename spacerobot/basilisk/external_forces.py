@@ -1,4 +1,4 @@
-"""Gravity and dynamic effectors of a Basilisk spacecraft, evaluated where our bodies are."""
+"""Gravity and dynamic effectors of a Basilisk spacecraft, evaluated at the poses of a scene's bodies."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from spacerobot.common.errors import SpaceRobotError
 class ExternalForces:
     """Forces of a Basilisk spacecraft's gravity field and dynamic effectors on the bodies of a scene.
 
-    The scene's origin falls in the gravity field from the spacecraft's initial position and velocity. Bodies
-    feel gravity relative to the origin's, each at its own centre of mass; effectors act on the base.
+    The scene's origin falls freely in the gravity field from the spacecraft's initial position and velocity.
+    A body's gravity is the difference between the acceleration at its centre of mass and that at the origin.
+    Effectors act on the base.
 
     Attributes:
-        origin: Position and velocity of the scene's origin in N (6,) [m, m/s].
+        loads: Joints of the bodies with mass.
+        origin: Position and velocity of the scene's origin in the inertial frame N (6,) [m, m/s].
 
     Args:
-        spacecraft: ``spacecraft.Spacecraft``; it is moved with the base and integrates nothing of its own.
+        spacecraft: ``spacecraft.Spacecraft``, whose motion is prescribed by that of the base.
         model: Model of the scene.
         base: Joint of the base that carries the effectors.
     """
@@ -35,7 +37,7 @@ class ExternalForces:
         self._attracts = len(spacecraft.gravField.gravBodies) > 0
 
     def gravity(self, position: Array) -> Array:
-        """Gravitational acceleration at a position in N (3,) [m/s^2]."""
+        """Gravitational acceleration (3,) [m/s^2] at a position (3,) [m], frame N."""
         if not self._attracts:
             return np.zeros(3)
         field, manager = self._spacecraft.gravField, self._spacecraft.dynManager
@@ -43,7 +45,7 @@ class ExternalForces:
         return np.ravel(manager.getPropertyReference(field.vehicleGravityPropName))
 
     def fall(self, duration: float) -> None:
-        """Move the origin by a duration [s], by one step of RK4."""
+        """Propagate the origin by a duration [s] with one step of RK4."""
 
         def rate(state: Array) -> Array:
             return np.concatenate([state[3:], self.gravity(state[:3])])
@@ -56,15 +58,16 @@ class ExternalForces:
         self.origin = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
     def wrenches(self, q: Array, t: float, duration: float) -> Array:
-        """Wrenches at a configuration.
+        """Wrenches of gravity and effectors at a configuration.
 
         Args:
             q: Configuration of the scene (nq,).
             t: Time [s].
-            duration: Time for which they will act [s].
+            duration: Time step for which the wrenches will act [s].
 
         Returns:
-            numpy.ndarray: Force at the centre of mass and torque of each load, world axes (loads, 6).
+            numpy.ndarray: Force at the centre of mass [N] and torque [N m] of each load, world axes (loads,
+            6).
 
         Raises:
             SpaceRobotError: If state effectors are attached to the spacecraft.
@@ -77,7 +80,7 @@ class ExternalForces:
             here = self.gravity(self.origin[:3])
             for row, joint, centre in zip(wrenches, self.loads, centres, strict=True):
                 row[:3] = model.inertias[joint].mass * (self.gravity(self.origin[:3] + centre) - here)
-        # the spacecraft has the base's state by its reference messages
+        # the spacecraft's state is prescribed by the reference messages of the scene module
         craft, place = self._spacecraft, data.oMi[self._base]
         craft.equationsOfMotion(t, duration)
         self._refuse_state_effectors()
@@ -89,13 +92,14 @@ class ExternalForces:
         return wrenches
 
     def _refuse_state_effectors(self) -> None:
-        """Refuse what Basilisk integrates together with a hub of its own: wheels, panels, tanks.
+        """Check that the spacecraft has no state effectors (wheels, panels, tanks).
 
-        Their list is not visible in Python. With one of them, Basilisk solves the equations of the whole
-        spacecraft, whose angular inertia then is not that of its mass properties; a wheel takes J a a^T off.
+        Basilisk integrates these together with the spacecraft's hub. Their list is not accessible from
+        Python, but they change the back-substitution matrix D of the hub's rotation, which without them
+        equals the inertia in the mass properties: a wheel, for example, subtracts J a a^T.
 
         Raises:
-            SpaceRobotError: If there are some.
+            SpaceRobotError: If the spacecraft has state effectors.
         """
         craft = self._spacecraft
         properties, matrix = craft.scMassOutMsg.read(), np.array(craft.hub.hubBackSubMatrices.matrixD)

@@ -1,10 +1,10 @@
-"""Basilisk's flight software on a floating base: our scene in Basilisk's world of messages.
+"""Controllers whose law is Basilisk's flight software.
 
-A controller of this kind holds a Basilisk simulation. At each of its updates it writes the state of the base
-as a spacecraft state message, lets Basilisk's tasks run to the present time, and reads commanded torques and
-forces, which act on the base until the next update. Arms, captures and impacts are simulated here; modules
-of flight software, navigation and environment that read a spacecraft's state run there. Because forces are
-held for a period, the coupling is of first order in it.
+Such a controller contains a Basilisk simulation. At each update it writes the state of the base to a
+spacecraft state message, runs Basilisk's tasks up to the present time, and reads commanded torques and
+forces, which act on the base until the next update. This package simulates bodies, arms, captures and
+impacts; Basilisk runs modules of flight software, navigation and environment that read a spacecraft's state.
+Forces are held for a period, so that the coupling is first-order in it.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from spacerobot.elements.core.robot_element import Part
 
 @dataclass(frozen=True)
 class BasiliskModules:
-    """A Basilisk simulation, and the messages that join it to the scene.
+    """A Basilisk simulation, and the messages that connect it to the scene.
 
     Attributes:
-        simulation: ``SimulationBaseClass.SimBaseClass`` with its processes and tasks; it is initialised here.
-        state: ``messaging.SCStatesMsg``, to which its modules subscribe: the base is the spacecraft, the
-            scene's world the inertial frame N.
-        torques: Messages of ``CmdTorqueBody``: on the base, in its axes [N m].
-        forces: Messages of ``CmdForceInertial``: at the base's origin, in axes of N [N].
+        simulation: ``SimulationBaseClass.SimBaseClass`` with its processes and tasks, not yet initialised.
+        state: ``messaging.SCStatesMsg``, to which the modules subscribe. The base is the spacecraft, and the
+            scene's world is the inertial frame N.
+        torques: ``CmdTorqueBody`` messages: torques on the base, base axes [N m].
+        forces: ``CmdForceInertial`` messages: forces at the base's origin, axes of N [N].
     """
 
     simulation: Any
@@ -50,16 +50,16 @@ class BasiliskController(PythonController):
 
     @required()
     def modules(self) -> BasiliskModules:
-        """Return a new Basilisk simulation; called once for each simulation of the scene."""
+        """New Basilisk simulation, built for each simulation of the scene."""
         raise NotImplementedError
 
     def measured(self, robot: RobotContext) -> Mapping[str, ca.SX]:
-        """Measurements of a Python controller, and the rotation matrix of the base, by columns (9 x 1)."""
+        """Measurements of a Python controller, and the base's rotation matrix, stacked by columns (9 x 1)."""
         rotation = robot.plant.placement(robot.base_frame)[0]
         return {**super().measured(robot), "base_rotation": ca.vec(ca.densify(rotation))}
 
     def updater(self, forces: HeldForces) -> Update:
-        """Return a function that lets Basilisk run to the present and reads its commands."""
+        """Update function that runs Basilisk up to the present time and returns its commands."""
         messaging = optional_module("Basilisk.architecture.messaging", "basilisk", f"the kind {self.kind}")
         macros = optional_module("Basilisk.utilities.macros", "basilisk", f"the kind {self.kind}")
         joined = self.modules()
@@ -70,7 +70,7 @@ class BasiliskController(PythonController):
             payload = messaging.SCStatesMsgPayload()
             rotation = measurements["base_rotation"].reshape(3, 3, order="F")
             quaternion = pin.Quaternion(rotation)
-            # modified Rodrigues parameters of the short rotation: e tan(angle / 4)
+            # modified Rodrigues parameters of the shorter rotation: e tan(angle / 4) = vec q / (1 + w)
             if quaternion.w < 0:
                 quaternion = pin.Quaternion(-quaternion.coeffs())
             payload.sigma_BN = (quaternion.vec() / (1 + quaternion.w)).tolist()

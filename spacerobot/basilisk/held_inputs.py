@@ -1,4 +1,4 @@
-"""Elements that hold what Basilisk's messages command until its next step."""
+"""Elements that hold the commands and forces of Basilisk's messages until Basilisk's next step."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ KEY = "basilisk"
 
 @register
 class BasiliskCommands(RobotController):
-    """Torques of joints and a wrench on the base, root link's axes, that messages of Basilisk command."""
+    """Joint torques, and a wrench on the base in the root link's axes, commanded by Basilisk's messages."""
 
     kind: Literal["basilisk_commands"] = "basilisk_commands"
     parts: tuple[Part, ...] = Field(default=(), description="parts of the wrench that actuators deliver")
 
     @property
     def own_wrench(self) -> frozenset[Part]:
-        """Parts of the wrench, by its section."""
+        """Parts of the wrench on the base that the section names."""
         return frozenset(self.parts)
 
     def build(self, robot: RobotContext) -> Contribution:
-        """Held commands: those of the joints, then force [N] and torque [N m] on the base."""
+        """Held commands as states: joint torques [N m], then force [N] and torque [N m] on the base."""
         joints = len(robot.joint_names)
         held = memory(f"{robot.name}/{robot.key}.held", ca.SX.zeros(joints + 6))
         torque = robot.torque(held.symbol[:joints]).value
@@ -44,19 +44,19 @@ class BasiliskCommands(RobotController):
         return Contribution(states=(held,), torques=(CommandedTorque(robot.name, torque),))
 
     def words(self) -> str:
-        """The source of its commands."""
+        """Source of the commands."""
         return "commands of Basilisk's messages"
 
 
 @register
 class BasiliskForces(Environment):
-    """Forces and torques on everything that moves, from Basilisk's gravity and dynamic effectors."""
+    """Forces and torques of Basilisk's gravity and dynamic effectors on all moving bodies."""
 
     kind: Literal["basilisk_forces"] = "basilisk_forces"
     falls: ClassVar[bool] = True
 
     def build(self, environment: EnvironmentContext) -> Contribution:
-        """Held force [N] at the centre of mass of each load, and torque [N m], world axes."""
+        """Held force at the centre of mass [N] and torque [N m] of each load as states, world axes."""
         names, path = environment.plant.model.names, environment.context.path
         states, pairs = [], []
         for load in environment.loads:
@@ -70,9 +70,9 @@ class BasiliskForces(Environment):
         )
 
     def assumptions(self) -> list[str]:
-        """Location of the world frame."""
+        """Assumption about the world frame."""
         return ["the world's origin falls in Basilisk's gravity; its axes are those of the frame N"]
 
     def words(self) -> str:
-        """The source of its forces."""
+        """Source of the forces."""
         return "gravity and dynamic effectors of Basilisk"

@@ -1,4 +1,4 @@
-"""A scene as a module of Basilisk: spacecraft states out, commands and environment in."""
+"""Basilisk module that simulates a scene: commands and environment in, spacecraft states out."""
 
 from __future__ import annotations
 
@@ -25,26 +25,27 @@ from spacerobot.updates.plant import SHORT, SinglePlant
 
 
 class SceneModule(sysModel.SysModel):
-    """A scene that Basilisk steps; see :func:`spacerobot.basilisk.make_basilisk_scene`.
+    """A scene simulated by Basilisk's clock; see :func:`spacerobot.basilisk.make_basilisk_scene`.
 
-    At each step it reads its input messages, holds the commands, rolls the scene out to the present time with
-    its controllers, captures and impacts, and writes its output messages.
+    At each step, the module reads its input messages, holds the commands, rolls out the scene with its
+    controllers, captures and impacts to the present time, and writes its output messages.
 
     Attributes:
         scene: Scene with the elements that hold Basilisk's commands and forces.
         scStateOutMsgs: ``SCStatesMsg`` of each floating body by name: B is the root link's frame, C the
             centre of mass of the body with all its links.
-        scStateOutMsg: That of the robot.
-        attRefOutMsg, transRefOutMsg: Attitude and position of the robot's base, by which the spacecraft with
-            the effectors follows it.
-        vehicleConfigOutMsg: ``VehicleConfigMsg``: mass properties of the robot in its initial posture.
+        scStateOutMsg: ``SCStatesMsg`` of the robot.
+        attRefOutMsg, transRefOutMsg: Attitude and position of the robot's base, which prescribe the motion of
+            the spacecraft with the effectors.
+        vehicleConfigOutMsg: ``VehicleConfigMsg`` with the mass properties of the robot in its initial
+            posture.
         rwParamsOutMsg, rwSpeedOutMsg: ``RWArrayConfigMsg`` and ``RWSpeedMsg`` of the robot's wheels.
-        jointStateOutMsgs: ``ScalarJointStateMsg`` of the position of each driven joint by name.
-        cmdTorqueInMsg, cmdForceInMsg: Readers of ``CmdTorqueBodyMsg`` and ``CmdForceBodyMsg``: commands to
-            the actuators of the base.
-        rwMotorTorqueInMsg: Reader of ``ArrayMotorTorqueMsg``: torques of the wheels' motors.
-        jointTorqueInMsgs: Readers of ``SingleActuatorMsg``, added to the commands of the scenario's
-            controllers, by name of the joint.
+        jointStateOutMsgs: ``ScalarJointStateMsg`` with the position of each driven joint, by name.
+        cmdTorqueInMsg, cmdForceInMsg: Readers of ``CmdTorqueBodyMsg`` and ``CmdForceBodyMsg``, the commands
+            to the base's actuators.
+        rwMotorTorqueInMsg: Reader of ``ArrayMotorTorqueMsg``, the torques of the wheels' motors.
+        jointTorqueInMsgs: Readers of ``SingleActuatorMsg`` by joint name; the torques are added to those of
+            the scenario's controllers.
     """
 
     def __init__(
@@ -81,12 +82,12 @@ class SceneModule(sysModel.SysModel):
         self._forces = None
         if spacecraft is not None:
             self._forces = ExternalForces(spacecraft, self.scene.model, self._body.root_joint)
-        self._last: tuple[float, Array] | None = None  # duration and wrenches of the step before
+        self._last: tuple[float, Array] | None = None  # duration and wrenches of the previous step
         self._place_inputs()
         self._make_messages(spacecraft)
 
     def _place_inputs(self) -> None:
-        """Places of the held inputs among time, state and switches."""
+        """Find the indices of the held inputs in ``start``: time, state, switches."""
         states = {state: 1 + i for i, state in enumerate(self._loop.state_names)}
         model, body = self.scene.model, self._body
         self._joints = [body.joint_name(model, joint) for joint in body.driven_joints]
@@ -96,7 +97,7 @@ class SceneModule(sysModel.SysModel):
         self._held = [[states[f"environment.{KEY}.{load}.held[{i}]"] for i in range(6)] for load in loads]
 
     def _make_messages(self, spacecraft: Any) -> None:
-        """Messages with their values at the start."""
+        """Create the messages and write their initial values."""
         bodies = [body.name for body in self.scene.bodies if body.root_joint]
         self.scStateOutMsgs = {name: messaging.SCStatesMsg() for name in bodies}
         self.scStateOutMsg = self.scStateOutMsgs[self._body.name]
@@ -121,7 +122,7 @@ class SceneModule(sysModel.SysModel):
             spacecraft.transRefInMsg.subscribeTo(self.transRefOutMsg)
 
     def _write_properties(self) -> None:
-        """Mass properties of the robot, and its wheels."""
+        """Write the mass properties of the robot and its wheels."""
         model, base = self.scene.model, self._body.root_joint
         data = model.createData()
         pin.crba(model, data, self.scene.q)
@@ -141,7 +142,7 @@ class SceneModule(sysModel.SysModel):
             self.rwParamsOutMsg.write(wheels)
 
     def UpdateState(self, CurrentSimNanos: int) -> None:
-        """Step the scene to the present time.
+        """Simulate the scene up to the present time.
 
         Args:
             CurrentSimNanos: Time [ns].
@@ -164,11 +165,11 @@ class SceneModule(sysModel.SysModel):
 
     @property
     def ended(self) -> bool:
-        """Whether the scenario is over, by its last phase: messages keep their values from then on."""
+        """Whether the scenario's last phase has ended; messages then keep their values."""
         return bool(self._plant.ended[0])
 
     def _read(self, now: float, duration: float) -> None:
-        """Hold the commands of the input messages, and the forces of the environment."""
+        """Read the input messages and hold the commands and the forces of the environment."""
         start, count = self._plant.start[0], len(self._joints)
         command = np.zeros(count + 6)
         for i, name in enumerate(self._joints):
@@ -187,14 +188,14 @@ class SceneModule(sysModel.SysModel):
             wrenches = self._forces.wrenches(start[1 : 1 + self.scene.model.nq], now, duration)
             held = wrenches
             if self._extrapolated and self._last is not None:
-                # mean of the step ahead by the line through the last two instants: second order
+                # mean over the next step of the line through the last two instants: second-order accurate
                 held = wrenches + duration / (2 * self._last[0]) * (wrenches - self._last[1])
             self._last = duration, wrenches
             for places, row in zip(self._held, held, strict=True):
                 start[places] = row
 
     def _write(self, nanos: int) -> None:
-        """Write the output messages at the present state."""
+        """Write the output messages for the present state."""
         model, data, start = self.scene.model, self._data, self._plant.start[0]
         q, v = start[1 : 1 + model.nq], start[1 + model.nq : 1 + model.nq + model.nv]
         pin.forwardKinematics(model, data, q, v)
@@ -224,13 +225,13 @@ class SceneModule(sysModel.SysModel):
             self.rwSpeedOutMsg.write(speeds, nanos, self.moduleID)
 
     def output(self, name: str) -> Array:
-        """Return an output of the scene at the present time (n,).
+        """Output of the scene at the present time (n,).
 
         Args:
-            name: Name of a variable of results: ``tip_error``, ``grasp_gap``, ``wheel_speed``.
+            name: Name of a variable of results, such as ``tip_error``, ``grasp_gap`` or ``wheel_speed``.
 
         Raises:
-            SpaceRobotError: If there is none of this name.
+            SpaceRobotError: If there is no such output.
         """
         plant = self._plant
         outputs: Mapping[str, Array] = plant.pieces[-1][1].outputs if plant.pieces else self._first()
@@ -245,10 +246,10 @@ class SceneModule(sysModel.SysModel):
         return scout.pieces[-1][1].outputs
 
     def result(self) -> Result:
-        """Return the simulation so far as a result, to save, plot or animate.
+        """Result of the simulation up to the present time.
 
         Raises:
-            SpaceRobotError: If it has not begun.
+            SpaceRobotError: If the simulation has not begun.
         """
         plant = self._plant
         if not plant.pieces:
@@ -257,10 +258,10 @@ class SceneModule(sysModel.SysModel):
 
 
 def chosen_robot(scene: Scene, name: str | None) -> str:
-    """Name of the robot whose base is the spacecraft: the first on a floating base if None.
+    """Name of the robot whose base is the spacecraft; the first on a floating base if None.
 
     Raises:
-        ScenarioError: If there is none of this name, or none on a floating base.
+        ScenarioError: If no robot on a floating base has this name.
     """
     floating = [body.name for body in scene.robots if body.root_joint]
     if not floating:
@@ -271,14 +272,14 @@ def chosen_robot(scene: Scene, name: str | None) -> str:
 
 
 def with_inputs(scene: Scene, robot: str, *, forces: bool) -> Scene:
-    """Return the scene with elements that hold Basilisk's commands, and its forces on all bodies.
+    """Scene with elements that hold Basilisk's commands, and Basilisk's forces on all bodies.
 
     Args:
-        scene, robot: The scene, and the robot that is commanded.
+        scene, robot: The scene, and the name of the commanded robot.
         forces: Whether Basilisk's gravity and effectors act.
 
     Raises:
-        ScenarioError: If they shall act and the scene has a gravity of its own.
+        ScenarioError: If Basilisk's forces act in addition to a gravity of the scenario.
     """
     body = next(one for one in scene.robots if one.name == robot)
     parts = {part for actuator in _actuators(body) for part in actuator.own_wrench}
@@ -296,17 +297,18 @@ def _actuators(body: SceneBody) -> list[Actuator]:
 
 
 def _state(data: pin.Data, joint: int, origin: Array) -> Any:
-    """State message of the body whose root link a joint carries.
+    """State message of a body.
 
     Args:
-        data: Kinematics with the centres of mass of all subtrees.
-        joint: The joint.
-        origin: Position and velocity of the scene's origin (6,) in N.
+        data: Pinocchio data with kinematics and the centres of mass of all subtrees.
+        joint: Joint of the body's root link.
+        origin: Position and velocity of the scene's origin in N (6,) [m, m/s].
     """
     placement, motion = data.oMi[joint], data.v[joint]
     rotation = placement.rotation
     quaternion = pin.Quaternion(rotation)
-    if quaternion.w < 0:  # modified Rodrigues parameters of the short rotation: e tan(angle / 4)
+    # modified Rodrigues parameters of the shorter rotation: e tan(angle / 4) = vec q / (1 + w)
+    if quaternion.w < 0:
         quaternion = pin.Quaternion(-quaternion.coeffs())
     payload = messaging.SCStatesMsgPayload()
     payload.sigma_BN = (quaternion.vec() / (1 + quaternion.w)).tolist()

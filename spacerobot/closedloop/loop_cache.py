@@ -1,8 +1,9 @@
-"""Closed loops cached with the compiled libraries, so that what was simulated before is not built again.
+"""Cache of closed loops, so that a scene that was simulated before need not be built again.
 
-An entry is named by everything that a closed loop is built from: the resolved scenario, the URDFs, the model,
-the source of spacerobot and the versions of the libraries below it. Loading one runs what it says, as
-loading a compiled library does: it is taken from the user's own folder alone, that of the libraries.
+The key of an entry is a hash of everything that a closed loop is built from: the resolved scenario, the
+URDFs, the model, the source of spacerobot and the versions of its libraries. Entries are pickles, which can
+run code as compiled libraries can. They are therefore loaded only from the private folder of the compiled
+libraries.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ SUFFIX = ".loop"
 def cached_closed_loop(
     scene: Scene, vary: Collection[str] = (), kind: type[LoopBuilder] = LoopBuilder
 ) -> ClosedLoop:
-    """The same as :func:`build_closed_loop`, to the bit, but kept for the next time.
+    """Closed loop of a scene from the cache, or built and stored there; identical to the bit in both cases.
 
-    It is always built where a user's own kinds of elements are registered, whose source is not known.
+    With user-defined kinds of elements, whose source is not part of the key, the loop is always built.
 
     Args:
         scene, vary, kind: As for :func:`build_closed_loop`.
@@ -52,7 +53,7 @@ def cached_closed_loop(
     folder = cache.cache_folder()
     path = cache.find(folder, key, SUFFIX)
     if path is not None:
-        # removed by another process just now, or damaged: unpickling raises anything then
+        # an entry may be damaged or removed by another process, and unpickling may raise any exception
         with contextlib.suppress(Exception):
             cached = pickle.loads(zlib.decompress(path.read_bytes()))  # noqa: S301 (the user's own)
             if isinstance(cached, ClosedLoop):
@@ -61,7 +62,7 @@ def cached_closed_loop(
             path.unlink()
     loop = build_closed_loop(scene, vary, kind)
     with contextlib.suppress(OSError):  # a full disk must not end a simulation
-        # write a closed loop beside its place, then move it there
+        # write to a temporary file, then rename it
         handle, place = tempfile.mkstemp(prefix="built-", suffix=".tmp", dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
@@ -73,11 +74,12 @@ def cached_closed_loop(
 
 
 class SceneContent:
-    """A scene that equals any other one from which the same closed loop is built.
+    """A scene that compares equal to every scene from which the same closed loop is built.
+
+    With user-defined kinds of elements, whose source is not known, it is equal to itself alone.
 
     Args:
-        scene: The scene. Where a user's own kinds of elements are registered, whose source is not known, it
-            equals itself alone.
+        scene: The scene.
 
     Attributes:
         key: Hash of everything that the closed loop is built from.
@@ -86,7 +88,7 @@ class SceneContent:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         if not only_shipped():
-            self.key = f"scene {id(scene)}"  # unique as long as this object holds the scene
+            self.key = f"scene {id(scene)}"  # unique while this object refers to the scene
             return
         content = {
             "scenario": to_document(scene.scenario),

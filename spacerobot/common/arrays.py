@@ -1,4 +1,4 @@
-"""The one name of an array of numbers."""
+"""Type of arrays of real numbers."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-"""Real numbers; what shape they have is said where they are used."""
+"""Array of real numbers; docstrings state the shapes."""

@@ -1,7 +1,7 @@
-"""Errors a user can act on: what was found, where, and what is allowed.
+"""Errors that users can correct, with the file, the place, the value and the allowed values.
 
-Every error that bad input can cause derives from :class:`SpaceRobotError`. The command line prints
-its one line and exits with :attr:`SpaceRobotError.exit_code`; nothing else is caught.
+Every error that invalid input can cause derives from :class:`SpaceRobotError`. The command line prints the
+error in one line and exits with :attr:`SpaceRobotError.exit_code`. It catches no other exceptions.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from pathlib import Path
 
 
 class SpaceRobotError(Exception):
-    """Base of every error caused by input or surroundings rather than by a defect.
+    """Base class of errors caused by input or environment rather than by a defect.
 
     Args:
-        message: What was found and what is allowed, in one line.
-        source: File that holds the fault, if one does.
+        message: Value and allowed values, in one line.
+        source: File with the error, if any.
         where: Place in that file: a scenario's dotted path or a URDF element.
     """
 
@@ -26,7 +26,7 @@ class SpaceRobotError(Exception):
         self.message = " ".join(message.split())
         self.source = source
         self.where = where
-        # text whose control characters, which a file may hold to fool a terminal, are written out
+        # escape control characters, with which a malicious file could manipulate the terminal
         visible = "".join(
             c if c.isprintable() else c.encode("unicode_escape").decode()
             for c in ": ".join(str(part) for part in (source, where, self.message) if part)
@@ -35,33 +35,33 @@ class SpaceRobotError(Exception):
 
 
 class ScenarioError(SpaceRobotError):
-    """A scenario that cannot be read or does not describe something that can be simulated."""
+    """Scenario that cannot be read or simulated."""
 
 
 class DescriptionError(SpaceRobotError):
-    """A URDF that cannot be read or holds something that cannot be simulated."""
+    """URDF that cannot be read or simulated."""
 
 
 class ResultError(SpaceRobotError):
-    """A result folder that cannot be read or written."""
+    """Result that cannot be read, written or shown."""
 
 
 class SpaceRobotWarning(UserWarning):
-    """Surroundings that slow a job down but change no result; the command line prints its one line."""
+    """Warning about the environment, such as an unusable cache, that affects speed but not results."""
 
 
 class CompileError(SpaceRobotError):
-    """Generated code that could not be compiled or loaded."""
+    """Failure to compile or load generated code."""
 
 
 class DivergedError(SpaceRobotError):
-    """A rollout that left its stability limit; raised only on the caller's request."""
+    """Simulation that diverges at once, whose tolerance no step satisfies, or whose grasp does not close."""
 
     exit_code = 3
 
 
 class NoPlanError(SpaceRobotError):
-    """No motion that meets its goal and its limits was found, or none that holds when it is replayed."""
+    """Planning problem without a feasible solution, or whose solution fails the verification by replay."""
 
     exit_code = 4
 
@@ -79,19 +79,19 @@ FORMER_NAMES = {
     "sights": "line_of_sight",
     "shape": "kind",
 }
-"""Keys of earlier versions and those that replaced them; an unknown key gets its new name in the message."""
+"""Keys of earlier versions and their new names, which messages about unknown keys suggest."""
 
 
 MOST_NAMES, SOME_NAMES = 60, 12
-"""Number of names up to which a message lists all, and number that it lists otherwise."""
+"""Maximum number of names that a message lists completely, and number of names listed otherwise."""
 
 
 def near_names(name: str, allowed: Iterable[str]) -> str:
-    """Sentence that helps after a wrong name: its new name, else near ones, else all, or some of very many.
+    """Hint after an unknown name: its new name, or similar names, or the allowed names.
 
     Args:
-        name: What was found.
-        allowed: What would have been valid.
+        name: Unknown name.
+        allowed: Allowed names.
     """
     names = sorted(allowed)
     if FORMER_NAMES.get(name) in names:

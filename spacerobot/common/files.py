@@ -1,4 +1,4 @@
-"""Files written whole or not at all, one writer after the other."""
+"""Atomic writes of files, and locks of folders between processes."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from spacerobot.common.errors import ResultError
 
 try:
     import fcntl
-except ImportError:  # Windows has none; there, writers are not kept apart
+except ImportError:  # Windows has no fcntl: writers are not synchronised there
     fcntl = None  # type: ignore[assignment]
 
 StrPath: TypeAlias = str | os.PathLike[str]
-"""A path as users give it."""
+"""Path as a text or path object."""
 STAGE = ".spacerobot-"
-"""Beginning of the names of folders in which files are prepared, perhaps by another process just now."""
+"""Prefix of temporary folders in which files are prepared, possibly by another running process."""
 
 
 def write_text(path: StrPath, text: str) -> None:
     """Write a text file atomically.
 
     Raises:
-        ResultError: If it cannot be written; what was there before is then still there.
+        ResultError: If the file cannot be written; an existing file is then unchanged.
     """
     write_bytes(path, text.encode("utf-8"))
 
@@ -36,13 +36,13 @@ def write_text(path: StrPath, text: str) -> None:
 def write_bytes(path: StrPath, content: bytes) -> None:
     """Write a file atomically; see :func:`write_text`.
 
-    What a symbolic link names is written, and the link stays; a device or a pipe takes the bytes.
+    The target of a symbolic link is replaced, not the link. Devices and pipes are written in place.
     """
     path = Path(path)
     try:
         sink = _sink(path)
         if sink is not None:
-            with open(sink, "wb") as file:  # noqa: PTH123 (perhaps the number of an open file)
+            with open(sink, "wb") as file:  # noqa: PTH123 (may be a file descriptor)
                 file.write(content)
             return
         path = path.resolve()
@@ -57,13 +57,13 @@ def write_bytes(path: StrPath, content: bytes) -> None:
 
 
 def _sink(path: Path) -> Path | int | None:
-    """Target that is written to in place: a device, a pipe, or a copy of an open file of this process."""
+    """Device, pipe or duplicate descriptor of an open file to write in place; None for other paths."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
         return None
     link = path
-    while link.is_symlink():  # /dev/stdout leads to an open file of ours, perhaps a regular one
+    while link.is_symlink():  # /dev/stdout is a link to an open file of this process, possibly a regular one
         if link.name.isdigit() and link.parent.resolve() == Path(f"/proc/{os.getpid()}/fd"):
             return os.dup(int(link.name))
         link = link.parent / link.readlink()
@@ -72,14 +72,17 @@ def _sink(path: Path) -> Path | int | None:
 
 @contextlib.contextmanager
 def staged(home: Path) -> Iterator[Path]:
-    """Temporary folder in another one, gone afterwards; those that killed processes left there go first."""
-    for left in home.glob(f"{STAGE}*"):
-        with _held(left, wait=False) as mine:
-            if mine:
-                shutil.rmtree(left, ignore_errors=True)
+    """Temporary folder inside a folder, removed at the end of the block.
+
+    Temporary folders of killed processes, which nobody has locked, are removed first.
+    """
+    for abandoned in home.glob(f"{STAGE}*"):
+        with _lock(abandoned, wait=False) as is_locked:
+            if is_locked:
+                shutil.rmtree(abandoned, ignore_errors=True)
     with contextlib.ExitStack() as stack:
         stage = _new_stage(home, stack)
-        while not stage.exists():  # removed by another writer before it was held
+        while not stage.exists():  # removed by another writer before it was locked
             stage = _new_stage(home, stack)
         yield stage
 
@@ -87,24 +90,24 @@ def staged(home: Path) -> Iterator[Path]:
 def _new_stage(home: Path, stack: contextlib.ExitStack) -> Path:
     stage = Path(tempfile.mkdtemp(prefix=STAGE, dir=home))
     stack.callback(shutil.rmtree, stage, ignore_errors=True)
-    stack.enter_context(_held(stage))
+    stack.enter_context(_lock(stage))
     return stage
 
 
 @contextlib.contextmanager
 def locked(folder: Path, *, shared: bool = False) -> Iterator[None]:
-    """Wait until no other process holds the folder, then hold it: alone, or together with other readers.
+    """Lock a folder against other processes for the block, exclusively or shared with other readers.
 
-    A file system without locks is used without them.
+    On a file system without locks, the block runs without a lock.
     """
-    with _held(folder, shared=shared):
+    with _lock(folder, shared=shared):
         yield
 
 
 @contextlib.contextmanager
-def _held(folder: Path, *, wait: bool = True, shared: bool = False) -> Iterator[bool]:
-    """A lock on a folder while the block runs, and whether there is one."""
-    held = False
+def _lock(folder: Path, *, wait: bool = True, shared: bool = False) -> Iterator[bool]:
+    """Lock of a folder for the block, and whether it was acquired."""
+    is_locked = False
     with contextlib.ExitStack() as stack:
         if fcntl is not None:
             with contextlib.suppress(OSError):
@@ -112,5 +115,5 @@ def _held(folder: Path, *, wait: bool = True, shared: bool = False) -> Iterator[
                 stack.callback(os.close, handle)
                 kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
                 fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
-                held = True
-        yield held
+                is_locked = True
+        yield is_locked

@@ -1,9 +1,9 @@
-"""Ctrl-C, everywhere: a command ends with one line and exit code 130, whatever it is doing.
+"""Handling of Ctrl-C: a command ends with one line and exit code 130, whatever it is doing.
 
-Python raises ``KeyboardInterrupt`` in the main thread, wherever that is. Inside an import or a callback, a
-library written in C++ may take it for a failure of its own and go on, and while such a library computes,
-nothing is raised at all. So a thread watches as well: it ends the process where the main thread has not ended
-a second later. Files are written beside their place and moved there, so that this leaves none half-written.
+Python raises ``KeyboardInterrupt`` in the main thread. During an import or a callback, a C++ library may
+treat the exception as an error of its own and continue; while such a library computes, nothing is raised. A
+thread therefore watches the signals, and ends the process if the main thread has not ended after a second.
+Files are written atomically, so that none is incomplete afterwards.
 """
 
 from __future__ import annotations
@@ -18,60 +18,67 @@ from types import FrameType
 from typing import NoReturn
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, by the convention of shells."""
 SHOW_CURSOR = "\r\x1b[2K\x1b[?25h"
-"""For a terminal in which a spinner has hidden it."""
+"""Terminal codes that clear the line and show the cursor, which a spinner may have hidden."""
 GRACE_S = 1.0
-"""Time for the main thread to end by itself."""
+"""Time for the main thread to end by itself [s]."""
 
 _advice = ""
 _writing = threading.RLock()
-"""Held while :func:`uninterrupted` is: the process does not end in between."""
+"""Lock of :func:`uninterrupted`: the watching thread does not end the process while it is held."""
 
 
 class _Guard:
-    """Handler of SIGINT that raises and remembers, and the thread that watches it."""
+    """Handler of SIGINT that raises ``KeyboardInterrupt`` and records it, and a thread that watches it."""
 
     def __init__(self) -> None:
-        self.kept = False  # what was found so far is to be kept: the next Ctrl-C stops the search alone
-        self.given = False  # and that has come
-        self.came = False  # one that ends the command
-        self._signals = self._seen = 0
+        self.keeps_result = False  # the next Ctrl-C stops only the search, whose result so far is kept
+        self.search_stopped = False  # that Ctrl-C has been handled
+        self.command_stopped = False  # a Ctrl-C that ends the command has been handled
+        # signals received by the pipe, and signals handled in the main thread
+        self._signals = self._handled = 0
         self._over = threading.Event()
         self._read, self._write = os.pipe()
         os.set_blocking(self._write, False)
 
     def __call__(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 (its signature)
-        """Raise as Python's own handler does."""
-        self._seen += 1
-        if self.kept and not self.given:
-            self.given = True
+        """Record the signal and raise ``KeyboardInterrupt``, as Python's own handler does."""
+        self._handled += 1
+        if self.keeps_result and not self.search_stopped:
+            self.search_stopped = True
         else:
-            self.came = True
+            self.command_stopped = True
         raise KeyboardInterrupt
 
     def begin(self) -> None:
-        """Handle SIGINT, and watch: signals are told to a pipe even while the main thread is in a library."""
+        """Handle SIGINT, and start the watching thread.
+
+        The signal is written to a pipe even while the main thread computes in a library.
+        """
         signal.signal(signal.SIGINT, self)
-        with contextlib.suppress(ValueError):  # no pipe will do where only sockets can be told
+        with contextlib.suppress(ValueError):  # Windows accepts only sockets as wakeup descriptors
             signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
         threading.Thread(target=self._watch, name="interrupts", daemon=True).start()
 
     def end(self) -> None:
-        """Leave everything as it was."""
+        """Restore Python's handler and stop the watching thread."""
         signal.signal(signal.SIGINT, signal.default_int_handler)
         with contextlib.suppress(ValueError):
             signal.set_wakeup_fd(-1)
         self._over.set()
-        os.close(self._write)  # the thread reads its end
+        os.close(self._write)  # the thread reads the end of the pipe
 
     def _watch(self) -> None:
-        while told := os.read(self._read, 1):
-            if told[0] != signal.SIGINT:
+        while number := os.read(self._read, 1):
+            if number[0] != signal.SIGINT:
                 continue
             self._signals += 1
-            unseen = self._signals - self._seen > int(self.kept)
-            if not self._over.wait(GRACE_S) and (self.came or (unseen and self._signals > self._seen)):
+            # a first Ctrl-C to a search that keeps its result may remain unhandled longer
+            unhandled = self._signals - self._handled > int(self.keeps_result)
+            if not self._over.wait(GRACE_S) and (
+                self.command_stopped or (unhandled and self._signals > self._handled)
+            ):
                 with _writing:
                     leave()
         os.close(self._read)
@@ -81,21 +88,25 @@ _endings: list[Callable[[], None]] = []
 
 
 def at_end(call: Callable[[], None]) -> None:
-    """Have something called when this process ends, by itself or by Ctrl-C, whatever its threads do then.
+    """Register a function to be called when this process ends, normally or by Ctrl-C.
 
     Args:
-        call: Called once at least, in any thread; returns soon.
+        call: Function that returns quickly. It is called at least once, in any thread.
     """
     _endings.append(call)
     atexit.register(call)
 
 
 def leave(line: str | None = None) -> NoReturn:
-    """End the process at once, with its one line; threads that still compute are not waited for."""
+    """End the process at once, with one line, without waiting for other threads.
+
+    Args:
+        line: Line for standard error; that of :func:`reason` if None.
+    """
     if line is None:
         line = f"error: {reason()}\n"
     for call in _endings:
-        with contextlib.suppress(Exception):  # nothing may keep the process from ending
+        with contextlib.suppress(Exception):  # no error may prevent the end of the process
             call()
     with contextlib.suppress(OSError):
         os.write(2, (SHOW_CURSOR + line if os.isatty(2) else line).encode())
@@ -109,17 +120,17 @@ def _guard() -> _Guard | None:
 
 @contextlib.contextmanager
 def minded() -> Iterator[None]:
-    """End the block by ``KeyboardInterrupt`` where Ctrl-C came, even if a library has swallowed it.
+    """End the block by ``KeyboardInterrupt`` after Ctrl-C, even if a library has suppressed the exception.
 
-    Only the main thread may ask for it; inside another such block it watches nothing anew. Where something
-    else than Python's own handler is set (a shell has a job in the background ignore Ctrl-C), that stays.
+    Only the main thread may use it. An inner block shares the watching thread of the outer one. A handler
+    other than Python's own stays in place; shells, for example, let background jobs ignore SIGINT.
 
     Raises:
-        KeyboardInterrupt: If Ctrl-C came, and not to a search that keeps what it found.
+        KeyboardInterrupt: After Ctrl-C, except one that only stopped a search; see :func:`keep`.
     """
-    before = signal.getsignal(signal.SIGINT)
-    guard = before if isinstance(before, _Guard) else None
-    if guard is None and before is not signal.default_int_handler:
+    previous = signal.getsignal(signal.SIGINT)
+    guard = previous if isinstance(previous, _Guard) else None
+    if guard is None and previous is not signal.default_int_handler:
         yield
         return
     outermost = guard is None
@@ -129,72 +140,73 @@ def minded() -> Iterator[None]:
         guard.begin()
     try:
         yield
-    except BaseException as left:
-        if guard.came or (guard.given and _from_ctrl_c(left)):
+    except BaseException as fault:
+        if guard.command_stopped or (guard.search_stopped and _from_ctrl_c(fault)):
             raise KeyboardInterrupt from None
         raise
     else:
-        if guard.came:
+        if guard.command_stopped:
             raise KeyboardInterrupt
     finally:
-        guard.came = guard.given = guard.kept = False
+        guard.command_stopped = guard.search_stopped = guard.keeps_result = False
         if outermost:
             guard.end()
 
 
 def _from_ctrl_c(fault: BaseException | None) -> bool:
-    """Whether an exception was made of Ctrl-C: typer ends by ``SystemExit``, without a word."""
+    """Whether an exception was caused by Ctrl-C, which typer converts to ``SystemExit``."""
     while fault is not None and not isinstance(fault, KeyboardInterrupt):
         fault = fault.__cause__ or fault.__context__
     return fault is not None
 
 
-def keep(wanted: bool = True) -> None:
-    """Say that what is under way is worth keeping: Ctrl-C then stops that alone, a second one the command.
+def keep(keeps_result: bool = True) -> None:
+    """Let the first Ctrl-C stop only a search, whose result so far is kept, and the second the command.
 
-    What is under way catches ``KeyboardInterrupt`` once; call this with False when it has ended.
+    The search catches ``KeyboardInterrupt`` once. Call the function with False when the search has ended.
     """
     guard = _guard()
-    if guard is not None and guard.kept != wanted:
-        guard.kept, guard.given = wanted, False
+    if guard is not None and guard.keeps_result != keeps_result:
+        guard.keeps_result, guard.search_stopped = keeps_result, False
 
 
 def advise(advice: str) -> None:
-    """Set what the line of a command that Ctrl-C ends says in addition, until the command ends.
+    """Set the advice in the last line of a command that Ctrl-C ends, such as how to resume the command.
 
     Args:
-        advice: How to resume the command, for example; empty for none.
+        advice: Advice; empty for none.
     """
-    global _advice  # noqa: PLW0603 (there is one command in a process, and one line)
+    global _advice  # noqa: PLW0603 (one command, and one line, in each process)
     _advice = advice
 
 
 def reason() -> str:
-    """Text of the line of a command that Ctrl-C ends."""
+    """Text of the last line of a command that Ctrl-C ends."""
     return f"interrupted: {_advice}" if _advice else "interrupted"
 
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back until the block is done, for libraries that it would leave locked.
+    """Defer Ctrl-C to the end of the block, for operations that must not be interrupted.
 
-    Elsewhere than in the main thread, which alone is interrupted, nothing has to be done.
+    It has no effect in other threads than the main thread, since only that is interrupted.
 
     Raises:
-        KeyboardInterrupt: Before the block, if Ctrl-C came and was swallowed; behind it, if it came in it.
+        KeyboardInterrupt: Before the block, if an earlier Ctrl-C was suppressed; after the block, if Ctrl-C
+            was pressed during it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     guard = _guard()
-    if guard is not None and guard.came:
+    if guard is not None and guard.command_stopped:
         raise KeyboardInterrupt
-    came: list[int] = []
+    deferred: list[int] = []
     with _writing:
-        before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+        previous = signal.signal(signal.SIGINT, lambda number, _: deferred.append(number))
         try:
             yield
         finally:
-            signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
-    if came:
+            signal.signal(signal.SIGINT, signal.default_int_handler if previous is None else previous)
+    if deferred:
         signal.raise_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Packages of extras, imported where they are used."""
+"""Import of optional packages at their first use."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def optional_module(module: str, extra: str, purpose: str) -> Any:
     Args:
         module: Dotted name of the module.
         extra: Name of the extra in ``pip install 'spacerobot[EXTRA]'``.
-        purpose: What needs it, subject of the message: ``the format mcap``.
+        purpose: Subject of the error message, the function that needs the package: ``the format mcap``.
 
     Raises:
-        SpaceRobotError: If it is not installed; names the extra.
+        SpaceRobotError: If the package is not installed; the message names the extra.
     """
     try:
         return importlib.import_module(module)

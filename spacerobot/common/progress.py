@@ -1,4 +1,4 @@
-"""Progress of compilations, whatever began them: reported to the command line, or to any other listener."""
+"""Progress of compilations, reported to listeners such as the command line."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 Listener = Callable[[int, int], None]
-"""Called with the pieces that are compiled, and how many there are."""
+"""Callback with the number of compiled sources and the number of all sources."""
 
-_listeners: list[Listener] = []  # of the process: what a command begins may compile in any thread
+_listeners: list[Listener] = []  # of the process, since any thread may compile
 
 
 @contextmanager
 def hearing(listener: Listener) -> Iterator[None]:
-    """Tell a listener of whatever this process compiles."""
+    """Report the compilations of this process to a listener during the block."""
     _listeners.append(listener)
     try:
         yield
@@ -22,6 +22,6 @@ def hearing(listener: Listener) -> Iterator[None]:
 
 
 def tell(done: int, total: int) -> None:
-    """Tell all listeners."""
+    """Report progress to all listeners."""
     for listener in tuple(_listeners):
         listener(done, total)

@@ -1,6 +1,6 @@
-"""Registries: families of named entries, one file each, that are loaded when one is used.
+"""Registries: families of named entries, one file each, loaded at first use.
 
-Names come from the files of a package, so that help texts and the schema list them without loading anything.
+The names are those of the files, so that help texts and the schema list them without loading the entries.
 """
 
 from __future__ import annotations
@@ -23,29 +23,30 @@ _REQUIREMENT = "__required__"
 
 @dataclass(frozen=True)
 class Requirement:
-    """Condition under which a class that is registered has to define a method of its base class.
+    """Condition under which a registered class must define a method of its base class.
 
     Attributes:
-        condition: Class attribute that is set, as ``has_springs``, or not set, as ``not is_halfspace``;
-            always if empty.
-        instead: Method whose definition serves as well; none if empty.
+        condition: Class attribute that must be set (``has_springs``) or not set (``not is_halfspace``) for
+            the requirement to apply; it always applies if empty.
+        instead: Method that may be defined instead; none if empty.
     """
 
     condition: str = ""
     instead: str = ""
 
     def applies(self, kind: type[Any], name: str) -> bool:
-        """Whether a class that does not define a method needs it."""
+        """Whether a class that does not define a method must define it."""
         attribute = self.condition.removeprefix("not ")
         is_set = not attribute or getattr(kind, attribute) not in (None, False)
         if is_set == self.condition.startswith("not "):
             return False
         base = next(base for base in kind.__mro__ if name in vars(base))
-        own, inherited = (inspect.getattr_static(one, self.instead, None) for one in (kind, base))
-        return own is inherited
+        # the alternative counts as defined if the class does not share it with the base class
+        alternative, inherited = (inspect.getattr_static(one, self.instead, None) for one in (kind, base))
+        return alternative is inherited
 
     def __str__(self) -> str:
-        """Condition in words, in parentheses; empty if there is none."""
+        """Condition and alternative in words, in parentheses; empty without any."""
         negated = self.condition.startswith("not ")
         words = [f"{'unless' if negated else 'with'} {self.condition.removeprefix('not ')}"]
         words = words if self.condition else []
@@ -54,7 +55,7 @@ class Requirement:
 
 
 def required(condition: str = "", instead: str = "") -> Callable[[Method], Method]:
-    """Mark a method of a base class that classes define to be registered; see :class:`Requirement`."""
+    """Mark a method of a base class that registered classes must define; see :class:`Requirement`."""
 
     def mark(method: Method) -> Method:
         setattr(method, _REQUIREMENT, Requirement(condition, instead))
@@ -64,7 +65,7 @@ def required(condition: str = "", instead: str = "") -> Callable[[Method], Metho
 
 
 def requirement(kind: type[Any], name: str) -> Requirement | None:
-    """Requirement on a method that a class does not define; None for one that is defined or optional."""
+    """Requirement on a method that a class does not define; None for a defined or optional method."""
     return _mark_of(inspect.getattr_static(kind, name))
 
 
@@ -80,13 +81,13 @@ def _marked_names(base: type[Any]) -> tuple[str, ...]:
 
 
 def check_methods(kind: type[Any]) -> None:
-    """Refuse a class that lacks a required method.
+    """Check that a class defines all required methods.
 
     Raises:
-        SpaceRobotError: With the methods' names.
+        SpaceRobotError: If methods are missing; the message has their names.
     """
     missing = []
-    # only what a base class marks is looked up: the check runs at every start, for every kind that ships
+    # only marked names are looked up, since the check runs at every start for every shipped kind
     for name in sorted({name for base in kind.__mro__[1:] for name in _marked_names(base)}):
         lacking = requirement(kind, name)
         if lacking is not None and lacking.applies(kind, name):
@@ -102,8 +103,8 @@ class Entry(Protocol):
     """An entry of a registry.
 
     Attributes:
-        name: In scenarios, options and files; for an entry that ships also that of its module.
-        place: Lists show entries in this order, then by name.
+        name: Name in scenarios, options and files; for a shipped entry also the name of its module.
+        place: Position in lists, which are sorted by position and then by name.
     """
 
     @property
@@ -119,13 +120,13 @@ Registered = TypeVar("Registered", bound=Entry)
 
 
 class Registry:
-    """A family of entries: each module of a package registers one, and plugins add theirs.
+    """A family of entries, registered by the modules of a package and by plugins.
 
     Args:
-        family: Its name in messages, in the singular.
-        package: Whose modules hold the entries that ship.
-        named_by_file: Whether each of these modules holds one entry, which has its name; else all are loaded
-            for the names.
+        family: Name of the family in messages, in the singular.
+        package: Package whose modules register the shipped entries.
+        named_by_file: Whether each module registers one entry with the module's name. Otherwise the names are
+            known only after all modules are loaded.
     """
 
     def __init__(self, family: str, package: str, *, named_by_file: bool = True) -> None:
@@ -142,22 +143,24 @@ class Registry:
             module: Module that defines it; that of its class if None.
 
         Raises:
-            SpaceRobotError: If an entry of another module has its name.
+            SpaceRobotError: If another module has registered an entry of the same name.
         """
         module = module or type(entry).__module__
-        own = module.startswith(f"{self.package}.")
-        is_foreign_duplicate = not own and entry.name not in self._entries and entry.name in self.names()
+        is_shipped = module.startswith(f"{self.package}.")
+        is_foreign_duplicate = (
+            not is_shipped and entry.name not in self._entries and entry.name in self.names()
+        )
         if is_foreign_duplicate or self._modules.get(entry.name, module) != module:
             raise SpaceRobotError(f"the {self.family} {entry.name!r} is registered already")
         self._entries[entry.name], self._modules[entry.name] = entry, module
         return entry
 
     def remove(self, name: str) -> None:
-        """Take out an entry that was added."""
+        """Remove an entry that was added."""
         del self._entries[name], self._modules[name]
 
     def names(self) -> tuple[str, ...]:
-        """Names of all entries, in alphabetical order; none of those that ship is loaded for it."""
+        """Names of all entries in alphabetical order; entries named by files are not loaded."""
         shipped = self._shipped() if self.named_by_file else self.entries()
         return tuple(sorted({*shipped, *self._entries}))
 
@@ -171,10 +174,10 @@ class Registry:
         return MappingProxyType(dict(ordered))
 
     def find(self, name: str) -> Any:
-        """The entry of a name.
+        """Find an entry by its name.
 
         Raises:
-            SpaceRobotError: If there is none; with the near names.
+            SpaceRobotError: If there is no such entry; the message has similar names.
         """
         if name not in self._entries and not self.named_by_file:
             self.entries()
@@ -195,10 +198,10 @@ Class = TypeVar("Class", bound=type[Any])
 
 
 def registered(kind: Class) -> Class:
-    """Add an instance of a class to the registry that its base class names; use it as a decorator.
+    """Decorator that adds an instance of a class to the registry of its base class.
 
     Raises:
-        SpaceRobotError: If another entry has its name, or the class lacks a required method.
+        SpaceRobotError: If another entry has the same name, or the class lacks a required method.
     """
     check_methods(kind)
     kind.registry.add(kind())
@@ -206,7 +209,7 @@ def registered(kind: Class) -> Class:
 
 
 SAMPLERS = Registry("sampler", "spacerobot.samplers.kinds")
-"""Designs of campaigns: :class:`spacerobot.samplers.Sampler`."""
+"""Samplers of campaigns: :class:`spacerobot.samplers.Sampler`."""
 
 TUNING_METHODS = Registry("method", "optim.methods.kinds")
 """Tuning methods: :class:`optim.methods.TuningMethod`."""
@@ -221,4 +224,4 @@ COMMANDS = Registry("command", "spacerobot.cli.commands")
 """Commands of the command line: :class:`spacerobot.cli.command.Command`."""
 
 EXPORT_FORMATS = Registry("format", "spacerobot.exports.formats")
-"""Formats of other tools: :class:`spacerobot.exports.ExportFormat`."""
+"""Export formats: :class:`spacerobot.exports.ExportFormat`."""

@@ -1,4 +1,4 @@
-"""Base of all sections of a scenario: strict keys, finite numbers, a unit for each number."""
+"""Base class of all sections of a scenario: strict keys, finite numbers, a unit for each number."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 from spacerobot.common.errors import near_names
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
-"""Name of a robot, tip or grasp: letters, digits, ``_`` and ``-``, so that dotted paths stay unambiguous."""
+"""Name of a robot, tip or grasp: letters, digits, ``_`` and ``-``, so that dotted paths are unambiguous."""
 
 Vector = tuple[float, float, float]
 """Three components along x, y, z."""
@@ -33,20 +33,20 @@ Paths = Annotated[
     Field(min_length=1),
     BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
 ]
-"""Dotted paths of a number, at least one; a single path stands for a list of one."""
+"""Dotted paths of numbers, at least one; a single path is accepted as a list of one."""
 
 SIGNALS_UNIT = "signal's unit"
-"""Unit of a number that is in the unit of the section it stands in."""
+"""Unit of a number that has the unit of the signal that its section describes."""
 
 
 LARGEST = 1e100
-"""Larger numbers are refused: what is computed of them, as products of three, is infinite."""
+"""Maximum magnitude of a number: products of three still are finite."""
 
 
 class Section(BaseModel):
-    """A part of a scenario: frozen, unknown keys refused, numbers finite and not beyond :data:`LARGEST`.
+    """A section of a scenario: immutable, without unknown keys, with finite numbers up to :data:`LARGEST`.
 
-    Every number is in SI units unless its name ends in another one (``_deg``); the unit is part of the
+    Every number is in SI units unless its name ends with another unit (``_deg``). The unit is part of the
     field's description and of the exported JSON schema.
     """
 
@@ -54,16 +54,16 @@ class Section(BaseModel):
 
     @classmethod
     def known_keys(cls) -> Collection[str]:
-        """Keys that the section may have."""
+        """Allowed keys of the section."""
         return cls.model_fields
 
     @classmethod
     def unit_of(cls, key: str, *, rotation: bool = False) -> str | None:
-        """Unit of a key's number; None if its field states none.
+        """Unit of a number; None if its field has no unit.
 
         Args:
-            key: Key of the section.
-            rotation: Whether the section controls a rotation, whose unit may differ.
+            key: Key of the number.
+            rotation: Whether the section is that of a rotation controller, whose units may differ.
 
         Raises:
             KeyError: If the section has no such key.
@@ -76,14 +76,14 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _check_keys(cls, data: Any) -> Any:
-        """Refuse unknown keys with the near names, and truth values where a number belongs."""
+        """Check that all keys are allowed, and that numbers are not truth values."""
         if not isinstance(data, dict):
             return data
-        known, fields = cls.known_keys(), cls.model_fields
+        keys, fields = cls.known_keys(), cls.model_fields
         for key, value in data.items():
-            if key not in known:
+            if key not in keys:
                 kind = f" (kind: {data['kind']})" if "kind" in fields and "kind" in data else ""
-                raise ValueError(f"unknown key {key!r}; {near_names(str(key), known)}{kind}")
+                raise ValueError(f"unknown key {key!r}; {near_names(str(key), keys)}{kind}")
             items = value if isinstance(value, list | tuple) else (value,)
             if any(item is True or item is False for item in items):
                 if key not in fields or fields[key].annotation not in (bool, bool | None):
@@ -95,47 +95,47 @@ class Section(BaseModel):
 
 @dataclass(frozen=True)
 class OneOf:
-    """Annotation of a text: one of the names that are registered when it is read.
+    """Annotation of a text that must be one of the names registered at the time of validation.
 
     Attributes:
-        names: Returns them.
+        names: Function that returns the names.
     """
 
     names: Callable[[], Iterable[str]]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Schema that looks the names up at each validation."""
+        """Schema that looks up the names at each validation."""
         del source, handler
 
-        def known(value: Any) -> str:
-            """The text, if it is one of them."""
-            found = tuple(self.names())
-            if value in found:
+        def validated(value: Any) -> str:
+            """Text, after a check that it is one of the names."""
+            names = tuple(self.names())
+            if value in names:
                 return str(value)
-            named = [repr(name) for name in found]
-            expected = " or ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
-            near = near_names(str(value), found)
+            quoted = [repr(name) for name in names]
+            expected = " or ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
+            near = near_names(str(value), names)
             hint = f"{near} " if near.startswith("did") else ""
             expected += f"; {hint}your own come with --plugin FILE"
             raise PydanticKnownError("literal_error", {"expected": expected})
 
         return core_schema.no_info_plain_validator_function(
-            known, serialization=core_schema.to_string_ser_schema()
+            validated, serialization=core_schema.to_string_ser_schema()
         )
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """The names as an enumeration."""
+        """Enumeration of the names."""
         del schema, handler
         return {"enum": list(self.names()), "type": "string"}
 
 
 def _check_size(key: str, value: Any) -> None:
-    """Refuse numbers, also in lists, that are finite and yet too large to compute with.
+    """Check that finite numbers, also in lists, are not too large to compute with.
 
     Raises:
-        ValueError: Its text begins with the key.
+        ValueError: If a number is too large; the message begins with the key.
     """
     if isinstance(value, list | tuple):
         for item in value:
@@ -150,23 +150,23 @@ def _check_size(key: str, value: Any) -> None:
 
 
 RECURS = "at_most_in_simulation"
-"""Key of a field's schema: how often its time may fit into the simulated one."""
+"""Key in a field's schema of the maximum number of its periods or steps in a simulation."""
 
 MAX_SAMPLES, MAX_STEPS, MAX_PLANS = 10_000_000, 1_000_000_000, 100_000
-"""Largest numbers of samples, of steps of integration and of plans in a simulation."""
+"""Maximum numbers of samples, of integration steps and of plans in a simulation."""
 
 
 def quantity(
     unit: str, description: str, *, rotation: str | None = None, recurs: int | None = None, **options: Any
 ) -> Any:
-    """Pydantic field of a physical quantity; ``options`` go to :func:`pydantic.Field`.
+    """Pydantic field of a physical quantity.
 
     Args:
-        unit: Unit as written in the documentation, ``1`` for a pure number.
-        description: What it is.
-        rotation: Unit where the section is that of a controller of rotation; the same if None.
-        recurs: Of a period or step [s]: how often it may fit into the simulated time, as :data:`MAX_SAMPLES`.
-        **options: ``default``, ``ge``, ``gt``, ``le``, ... as for :func:`pydantic.Field`.
+        unit: Unit as in the documentation; ``1`` for a dimensionless number.
+        description: Description of the quantity, without its unit.
+        rotation: Unit in the section of a rotation controller; ``unit`` if None.
+        recurs: Maximum number of the period or step [s] in a simulation, such as :data:`MAX_SAMPLES`.
+        **options: Arguments of :func:`pydantic.Field`: ``default``, ``ge``, ``gt``, ``le``, ...
     """
     units: dict[str, Any] = {"unit": unit} | ({"unit_of_rotation": rotation} if rotation else {})
     units |= {} if recurs is None else {RECURS: recurs}
@@ -174,13 +174,13 @@ def quantity(
 
 
 def matching(names: Iterable[str], pattern: str) -> list[str]:
-    """Names that a pattern stands for, in their order; ``*`` matches any letters."""
+    """Names that match a pattern, in their order; ``*`` matches any characters."""
     expression = ".*".join(re.escape(part) for part in pattern.split("*"))
     return [name for name in names if re.fullmatch(expression, name)]
 
 
 def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every leaf (number, text, truth value, null) with its dotted path, in the document's order."""
+    """Iterate over leaves (numbers, texts, truth values, null) and their dotted paths, in document order."""
     if isinstance(document, dict):
         items: list[tuple[Any, Any]] = list(document.items())
     elif isinstance(document, list | tuple):
@@ -193,12 +193,12 @@ def leaves(document: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def numbers(document: Any, prefix: str = "") -> Iterator[tuple[str, float]]:
-    """Every number of a document with its dotted path, in the document's order."""
+    """Iterate over the numbers of a document and their dotted paths, in document order."""
     for path, value in leaves(document, prefix):
         if is_number(value):
             yield path, float(value)
 
 
 def is_number(value: Any) -> TypeGuard[float]:
-    """Whether a value is a number, which a truth value is not."""
+    """Whether a value is a number; truth values are not."""
     return isinstance(value, int | float) and not isinstance(value, bool)

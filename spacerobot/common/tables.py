@@ -1,4 +1,4 @@
-"""Tables and sentences in which results present themselves: in the terminal, on pages and in notebooks."""
+"""Tables and sentences that present results in the terminal, on pages and in notebooks."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class Table:
     """Table of texts.
 
     Attributes:
-        title: Title of the table, if any.
-        headings: Heading of each column; empty for names and values, which need none.
+        title: Title of the table, or None.
+        headings: Heading of each column; empty for a table of names and values.
         rows: Cells of each row.
         keys: Number of the first columns that name a row.
     """
@@ -26,11 +26,11 @@ class Table:
 
     @classmethod
     def of_pairs(cls, title: str | None, rows: Iterable[tuple[str, object]]) -> Table:
-        """Table of names and values, written by ``str``; names with an empty value are left out.
+        """Table of names and values; rows with an empty value are omitted.
 
         Args:
             title: Title of the table.
-            rows: Names and their values.
+            rows: Names and values, which are converted by ``str``.
         """
         return cls(title, (), [(name, str(value)) for name, value in rows if value != ""])
 
@@ -88,14 +88,14 @@ Content = Table | Tree | str
 
 
 class Tabular:
-    """Base class of what presents itself as tables: printed by the command line, HTML in notebooks."""
+    """Base class of results that have tables, which the command line prints and notebooks show as HTML."""
 
     def content(self) -> Sequence[Content]:
         """Tables and sentences, the most important first."""
         raise NotImplementedError
 
     def notices(self) -> Sequence[str]:
-        """Warnings about it."""
+        """Warnings about the result."""
         return ()
 
     def _repr_html_(self) -> str:
@@ -109,15 +109,15 @@ def content_html(content: Iterable[Content]) -> str:
 
 
 ROTORS = ("wheel_speed", "motor_speed")
-"""Signals whose values are speeds of rotors."""
+"""Signals that are speeds of rotors."""
 
 
 def unit_scale(unit: str, signal: str = "") -> tuple[float, str]:
-    """Factor and unit in which engineers read values of an SI unit: mm, degrees, and rpm of rotors.
+    """Factor and unit for display of an SI unit: mm for m, degrees for radians, rpm for rotors.
 
     Args:
-        unit: Unit of the values.
-        signal: Name of the signal, if they have one.
+        unit: SI unit of the values.
+        signal: Name of the signal, or empty.
     """
     degrees = 180 / math.pi
     if unit == "rad/s" and signal in ROTORS:
@@ -127,5 +127,5 @@ def unit_scale(unit: str, signal: str = "") -> tuple[float, str]:
 
 
 def escape(text: str) -> str:
-    """Text that HTML shows literally."""
+    """Text with HTML's special characters escaped."""
     return html.escape(str(text), quote=True)

@@ -1,3 +1,3 @@
-"""Version of the package, which modules inside it read without importing the public namespace."""
+"""Version of the package, readable without an import of the public namespace."""
 
 __version__ = "0.1.0"

@@ -1,6 +1,6 @@
-"""CasADi functions of NumPy arrays: compiled to machine code and cached, or interpreted.
+"""CasADi functions called with NumPy arrays: compiled to cached shared libraries, or interpreted.
 
-This room knows nothing of robots, only :class:`casadi.Function`.
+The package depends on :class:`casadi.Function` alone, not on scenes or robots.
 """
 
 from spacerobot.compiled.build import usable_cores

@@ -1,4 +1,4 @@
-"""Several C++ sources to one library, compiled side by side."""
+"""Parallel compilation of several C++ sources into one shared library."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from spacerobot.common.interrupts import at_end, uninterrupted
 from spacerobot.compiled.toolchain import PROCESS_GROUP, SUFFIX, Toolchain, end_process
 
 TIMEOUT_S = 900.0
-"""Time after which a compiler is held to hang, unless ``SPACEROBOT_COMPILE_TIMEOUT`` says another, in s."""
+"""Time after which a compiler is ended [s]; ``SPACEROBOT_COMPILE_TIMEOUT`` replaces it."""
 
 LOOK_S = 0.005
-"""Time between two looks at running compilers."""
+"""Interval at which running compilers are polled [s]."""
 
 Progress = Callable[[int, int], None]
-"""Called with the sources that are done, and how many there are."""
+"""Callback that receives the number of finished sources and the number of all sources."""
 
 
 @dataclass(frozen=True)
 class SourceUnit:
-    """A source.
+    """A C++ source of a library.
 
     Attributes:
-        text: C++.
-        cold: Whether it shall rather compile fast than run fast.
+        text: C++ code.
+        cold: Whether the code runs seldom, so that compilation time matters more than speed.
     """
 
     text: str
@@ -42,19 +42,23 @@ class SourceUnit:
 def build(
     units: Sequence[SourceUnit], toolchain: Toolchain, folder: Path, progress: Progress | None = None
 ) -> Path:
-    """Compile and link, in a private folder inside another, so that the result can be moved atomically.
+    """Compile and link sources into a shared library.
 
-    As many compilers run at a time as there are usable cores; each in a process group of its own, which is
-    ended when it takes too long, when another fails, at Ctrl-C, and when this process ends.
+    One compiler runs on each usable core. Each compiler has its own process group, which is ended when the
+    compiler exceeds the time limit, when another one fails, at Ctrl-C, and when this process ends.
 
     Args:
         units: Sources, those that take longest first.
-        toolchain: What to compile with.
-        folder: Where the library shall be.
-        progress: Told whenever a source is done.
+        toolchain: Compiler and its options.
+        folder: Folder of the library. A temporary folder inside it holds the intermediate files, so that the
+            library can be moved atomically.
+        progress: Callback after each finished source.
+
+    Returns:
+        Path: File of the library, with a temporary name in ``folder``.
 
     Raises:
-        CompileError: The compiler does not accept a source, or takes too long.
+        CompileError: The compiler rejects a source, or exceeds the time limit.
         OSError: No compiler could be started, or nothing can be written.
     """
     with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as work:
@@ -81,17 +85,17 @@ def build(
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def timeout_s() -> float:
-    """Longest time that one compiler may take (s).
+    """Time limit of one compiler [s].
 
     Raises:
-        CompileError: ``SPACEROBOT_COMPILE_TIMEOUT`` is no positive number.
+        CompileError: ``SPACEROBOT_COMPILE_TIMEOUT`` is not a positive number.
     """
     wish = os.environ.get("SPACEROBOT_COMPILE_TIMEOUT", "").strip()
     try:
@@ -104,10 +108,10 @@ def timeout_s() -> float:
 
 
 class _Running:
-    """Every compiler that this process has started and that has not ended.
+    """Compilers that this process has started and that are still running.
 
-    A thread that does not keep the process from ending, as those of the studio, does not reach its own
-    ``finally`` when it ends; a compiler in a process group of its own would then go on.
+    When the process ends, its daemon threads, such as those of the studio, stop without running their
+    ``finally`` clauses. Their compilers, which have process groups of their own, would keep running.
     """
 
     def __init__(self) -> None:
@@ -128,13 +132,13 @@ class _Running:
         return job
 
     def end(self, job: _Job) -> None:
-        """End a compiler, if it has not ended by itself."""
+        """End a compiler that is still running."""
         with self._lock:
             job.end()
             self._jobs.discard(job)
 
     def close(self) -> None:
-        """End all, remove what they were writing, and let none begin."""
+        """End all compilers, remove their folders, and refuse to start further ones."""
         with self._lock:
             self._closed = True
             for job in self._jobs:
@@ -158,10 +162,10 @@ class _Job:
             )
 
     def is_done(self, limit_s: float) -> bool:
-        """Whether it ended well.
+        """Whether the compiler has ended with exit code 0.
 
         Raises:
-            CompileError: It ended badly, or runs for too long.
+            CompileError: It ended with another exit code, or exceeds the time limit.
         """
         code = self.process.poll()
         if code is None and time.monotonic() - self.begin > limit_s:
@@ -175,7 +179,7 @@ class _Job:
         return code == 0
 
     def end(self) -> None:
-        """End it and what it started, unless it ended by itself."""
+        """End the compiler and its child processes, if it is still running."""
         end_process(self.process)
 
 
@@ -185,7 +189,7 @@ RUNNING = _Running()
 def _run_all(
     name: str, commands: Sequence[Sequence[str]], environment: dict[str, str], report: Progress
 ) -> None:
-    """Run commands, at most one for each core at a time; none goes on when this returns."""
+    """Run commands, at most one on each core; all have ended when this function returns or raises."""
     work = Path(environment["TMPDIR"])
     limit_s, waiting, started, done = timeout_s(), list(enumerate(commands)), list[_Job](), 0
     cores = usable_cores()

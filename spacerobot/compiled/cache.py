@@ -1,9 +1,9 @@
-"""A folder of compiled libraries, and of closed loops, that belongs to this user alone.
+"""Cache folder of compiled libraries and closed loops, private to the user.
 
-An entry is one file ``<key>-<digest>.so`` (``.dylib``, ``.dll``, ``.loop``): the key names what it was built
-from, the digest what it must hold. So a file that was cut short or changed is recognised before it is loaded,
-no library is ever loaded under a name that once meant something else, and two processes that build the same
-entry at once do no harm.
+An entry is one file ``<key>-<digest>.so`` (``.dylib``, ``.dll``, ``.loop``). The key is a hash of the sources
+and options, the digest a hash of the file's content. A truncated or modified file is therefore recognised
+before it is loaded, a file name never refers to two different libraries, and two processes can build the same
+entry at the same time.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from pathlib import Path
 from spacerobot.common.errors import SpaceRobotWarning
 from spacerobot.compiled.toolchain import SUFFIX
 
-KEPT = 400  # entries of one suffix; the least recently used go first
-ABANDONED_S = 86_400.0  # no compilation takes a day
+KEPT = 400  # entries of one suffix; older ones are removed, the least recently used first
+ABANDONED_S = 86_400.0  # age at which build folders are removed: no compilation takes a day
 
 
 def cache_folder() -> Path:
-    """Folder for compiled libraries: ``SPACEROBOT_CACHE_DIR`` or the user's cache folder, if it is safe.
+    """Folder ``compiled`` in ``SPACEROBOT_CACHE_DIR``, or else in the user's cache folder.
 
-    It is made with mode 0700. A folder that belongs to someone else, or that others may write, is refused,
-    and a private temporary folder, gone when the process ends, takes its place: a compiled library is code.
-    A :class:`SpaceRobotWarning` then names the folder and the reason.
+    It is created with mode 0700. Since a compiled library is code, a folder that belongs to another user, or
+    that others can write, is not used. A temporary folder, removed when the process ends, replaces it, and a
+    :class:`SpaceRobotWarning` states the folder and the reason.
     """
     wish = os.environ.get("SPACEROBOT_CACHE_DIR")
     if wish:
@@ -55,11 +55,13 @@ def cache_folder() -> Path:
 
 
 def find(folder: Path, key: str, suffix: str = SUFFIX) -> Path | None:
-    """File stored under a key, checked against its digest; broken entries are removed.
+    """File of a key whose content agrees with its digest; None without one.
+
+    Entries whose content disagrees, and those that others could have written, are removed.
 
     Args:
-        folder: What :func:`cache_folder` gave.
-        key, suffix: Hexadecimal name of the entry, and what its file's name ends in.
+        folder: Cache folder, from :func:`cache_folder`.
+        key, suffix: Hexadecimal key of the entry, and suffix of its file.
     """
     for path in sorted(folder.glob(f"{key}-*{suffix}")):
         try:
@@ -76,16 +78,19 @@ def find(folder: Path, key: str, suffix: str = SUFFIX) -> Path | None:
 
 
 def store(folder: Path, key: str, built: Path, suffix: str = SUFFIX) -> Path:
-    """Move a freshly built file, which lies in the same folder, to its name in one atomic step.
+    """Rename a new file atomically to its name in the cache, and remove old entries.
 
     Args:
         folder, key, suffix: As for :func:`find`.
-        built: The file.
+        built: The new file, in the same folder.
+
+    Returns:
+        Path: The entry.
     """
     built.chmod(0o600)
     path = folder / f"{key}-{_digest(built)}{suffix}"
     built.replace(path)
-    # Remove the least recently used entries of a suffix, and what processes left behind that were killed.
+    # Build folders of killed processes, then the least recently used entries of this suffix.
     for old in folder.glob("buil[dt]-*"):
         with contextlib.suppress(OSError):
             if time.time() - old.stat().st_mtime > ABANDONED_S:
@@ -105,7 +110,7 @@ def _digest(path: Path) -> str:
 
 
 def _fault(path: Path) -> str:
-    """Reason why a path is not this user's alone (a link, another owner, open to others); empty if it is."""
+    """Reason why a path is not private to this user: a link, another owner, writable by others; or empty."""
     if not hasattr(os, "getuid"):
         return ""
     try:
@@ -121,7 +126,7 @@ def _fault(path: Path) -> str:
 
 @functools.cache
 def _instead_of(path: Path, fault: str) -> Path:
-    """A private folder that ends with the process, and one warning."""
+    """Temporary folder that replaces an unsafe one, with one warning."""
     warnings.warn(
         f"cache folder {path} {fault}; what is compiled now is lost when this process ends. "
         "Mend it, or name another in SPACEROBOT_CACHE_DIR",

@@ -1,8 +1,8 @@
-"""C++ source from CasADi functions, to be compiled over any number of lanes.
+"""C++ source of CasADi functions, for one evaluation or several in SIMD lanes.
 
-CasADi's own C code carries tests for absent arguments at every read and write, and helper functions in the
-idiom of C before 1999 that lose accuracy (``log1p`` as ``log(1 + x)``). Only the bodies are taken from it;
-the arguments become plain pointers that do not alias, and the helpers come from ``lanes.hpp``.
+CasADi's own C code tests for absent arguments at every read and write, and its C89 helper functions lose
+accuracy (``log1p`` as ``log(1 + x)``). Only the function bodies are taken from it. Arguments become pointers
+that do not alias, and ``lanes.hpp`` defines the helpers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ UNARY = (
     *("exp", "log", "expm1", "log1p", "erf", "erfinv", "floor", "ceil"),
 )
 SHORT = 1000
-"""Statements of a function that stays where it is called, since nothing is gained by compiling it apart."""
+"""Statements up to which a function is defined in the struct; longer ones become pieces."""
 
 HIDDEN = '__attribute__((visibility("hidden")))'
 BINARY = ("pow", "atan2", "hypot", "fmod", "remainder")
@@ -38,12 +38,12 @@ _CONDITIONAL = re.compile(r"\((a\d+)\?(a\d+):0\)")
 
 @dataclass(frozen=True)
 class GeneratedSource:
-    """Functions as C++.
+    """C++ source of CasADi functions.
 
     Attributes:
-        struct: Declarations of the pieces, and a struct with one static function, and the sizes of its
-            arguments, for every function.
-        pieces: Definitions of what the struct calls.
+        struct: Declarations of the pieces, and the struct ``Generated`` with a static member and argument
+            sizes for every function.
+        pieces: Functions that the struct's members call.
     """
 
     struct: str
@@ -56,17 +56,17 @@ def source_of(
     cold: Collection[str] = (),
     lanes: int = 1,
 ) -> GeneratedSource:
-    """C++ of some functions.
+    """C++ source of SX functions.
 
     A function ``f: (a[3], b) -> (y[2])`` becomes ``static void f(const real* a, const real* b, real* y)``
-    beside the constants ``f_a = 3``, ``f_b = 1``, ``f_y = 2``. It is also exported with C linkage as
-    ``call_f(arg, res)``. A long function that runs seldom and has the inputs of a long one that does not,
-    begins with the pieces of that one.
+    with the constants ``f_a = 3``, ``f_b = 1``, ``f_y = 2``. It is exported with C linkage as
+    ``call_f(arg, res)``. A long cold function whose inputs are those of a long hot one calls the pieces of
+    the hot one first, so that their common subexpressions are compiled once.
 
     Args:
         functions: SX functions by name, with dense inputs and outputs and no free variables.
-        cold: Names of those that run seldom, and shall rather compile fast.
-        lanes: How many evaluations one call will carry, which decides the order of operations.
+        cold: Names of functions that run seldom and are compiled with less optimisation.
+        lanes: Evaluations in one call; they decide the order of operations.
 
     Raises:
         CompileError: A function is not SX, has sparse arguments or free variables.
@@ -85,10 +85,10 @@ def source_of(
                 f"function '{name}' has sparse inputs or outputs, only dense ones can be compiled"
             )
     members, parts = [], []
-    # names, those together that have the same inputs and probably much work in common
+    # names of functions that share their inputs, and therefore probably many subexpressions
     chains: dict[str, list[str]] = {}
-    head: dict[object, str] = {}  # long function that runs often, by its inputs
-    for name in sorted(functions, key=lambda name: name in cold):  # what runs often comes first
+    head: dict[object, str] = {}  # long hot function, by its inputs
+    for name in sorted(functions, key=lambda name: name in cold):  # hot functions first
         function = functions[name]
         inputs = tuple((function.name_in(i), function.numel_in(i)) for i in range(function.n_in()))
         long = function.n_instructions() > pieces.LONGEST
@@ -120,7 +120,7 @@ def source_of(
 
 
 def maths_of(vector_symbols: Mapping[str, str]) -> str:
-    """Lines that bind every elementary function to a vector routine, or to the plain one lane by lane.
+    """C++ lines that bind every elementary function to a vector routine, or to the scalar one for each lane.
 
     Args:
         vector_symbols: Routine of the vector maths library by function name; functions without one are
@@ -136,9 +136,10 @@ def maths_of(vector_symbols: Mapping[str, str]) -> str:
 
 
 def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePiece]] | None:
-    """Members and pieces of functions of the same inputs, each of which goes on where the one before ended.
+    """Struct members and pieces of functions with the same inputs.
 
-    None where they cannot be told apart in the common code.
+    The functions are merged into one, with common subexpressions eliminated. The pieces of each function
+    continue those of the function before it. None if the statements of the functions are interleaved.
     """
     first = next(iter(chain.values()))
     symbols = [ca.SX.sym(first.name_in(i), first.size1_in(i), first.size2_in(i)) for i in range(first.n_in())]
@@ -172,7 +173,7 @@ def _together(chain: Mapping[str, ca.Function]) -> tuple[list[str], list[CodePie
 
 
 def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[str, list[CodePiece]]:
-    """Member and pieces of one function."""
+    """Struct member and pieces of one function."""
     statements = statements_of(name, function)
     reads, writes = _parameters(function)
     parameters = (*reads, *writes)
@@ -190,7 +191,7 @@ def _alone(name: str, function: ca.Function, cold: bool, lanes: int) -> tuple[st
 
 
 def statements_of(name: str, function: ca.Function) -> list[str]:
-    """Body of the code that CasADi generates for an SX function, adapted, one assignment a line.
+    """Assignments of the C code that CasADi generates for an SX function, with the helpers of ``lanes.hpp``.
 
     Raises:
         CompileError: CasADi's code has an unknown form.

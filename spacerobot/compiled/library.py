@@ -1,4 +1,4 @@
-"""Compiled functions: generate, compile once, load."""
+"""Shared libraries of CasADi functions: generated, compiled once, loaded from the cache."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Library:
     """A loaded shared library of compiled functions.
 
     Attributes:
-        functions: What was compiled.
-        lanes: How many evaluations one call carries.
-        toolchain: What compiled it.
+        functions: The compiled CasADi functions, by name.
+        lanes: Evaluations in one call.
+        toolchain: Compiler and its options.
         path: The library file.
-        cached: Whether it was found in the cache.
-        seconds: Time to generate, compile (or find) and load it.
+        cached: Whether the library comes from the cache.
+        seconds: Time to generate, compile (or look up) and load it [s].
     """
 
     functions: Mapping[str, ca.Function]
@@ -47,9 +47,9 @@ class Library:
     _handle: ctypes.CDLL
 
     def entry(self, name: str) -> Any:
-        """C function exported under a name, as a new ctypes function that returns nothing.
+        """New ctypes function object, without a return value, of an exported C function.
 
-        An attribute of the handle would be one and the same object for all threads, its result type too.
+        An attribute of the handle would be one object, with one result type, for all threads.
         """
         function = self._handle[name]
         function.restype = None
@@ -59,12 +59,14 @@ class Library:
         """Evaluate one function.
 
         Args:
-            name: Which.
-            arguments: One array for each input, of shape (n,), or (n, lanes) to evaluate one set in each
-                lane.
+            name: Name of the function.
+            arguments: One array for each input, (n,), or (n, lanes) with one set of arguments in each lane.
 
         Returns:
-            tuple of arrays: One for each output, of shape (n,) or (n, lanes).
+            tuple of arrays: One for each output, (n,), or (n, lanes) if an argument has two dimensions.
+
+        Raises:
+            KeyError: The library has no such function.
         """
         if name not in self.functions:
             raise KeyError(f"no function '{name}', {near_names(name, self.functions)}")
@@ -91,20 +93,20 @@ def compile_functions(
     toolchain: Toolchain | None = None,
     progress: Progress | None = None,
 ) -> Library:
-    """Compile CasADi functions to one library, or take it from the cache.
+    """Compile CasADi functions to one library, or load it from the cache.
 
     Args:
         functions: SX functions with dense inputs and outputs, by name.
-        lanes: 1 for plain doubles; ``toolchain.lanes`` to evaluate so many argument sets in one call.
-        cold: Names of functions that run seldom, and shall rather compile fast.
-        tail: C++ source that follows the functions, which it finds as static members of ``Generated``.
-        toolchain: What to compile with; found if None.
-        progress: Called with the pieces that are compiled and how many there are, if anything is compiled;
-            those who listen (:mod:`spacerobot.common.progress`) if None.
+        lanes: Evaluations in one call: 1, or ``toolchain.lanes``.
+        cold: Names of functions that run seldom and are compiled with less optimisation.
+        tail: C++ source that follows the struct ``Generated``, whose static members are the functions.
+        toolchain: Compiler; that of :func:`find_toolchain` if None.
+        progress: Callback with the number of compiled sources and of all sources, called if anything is
+            compiled; the listeners of :mod:`spacerobot.common.progress` if None.
 
     Raises:
-        CompileError: There is no compiler, or it does not accept the source, or takes too long, or the
-            library cannot be loaded.
+        CompileError: There is no compiler, it rejects the source or exceeds its time limit, or the library
+            cannot be loaded.
     """
     begin = time.perf_counter()
     toolchain = toolchain or find_toolchain()
@@ -129,13 +131,11 @@ def source_units(
     tail: str = "",
     vector_symbols: Mapping[str, str] | None = None,
 ) -> list[SourceUnit]:
-    """C++ sources of CasADi functions, of about the same length, the longest first.
+    """C++ sources of CasADi functions: the pieces in sources of about equal length, then the struct and tail.
 
     Args:
-        functions, lanes, cold, tail: As for :func:`compile_functions`; the last source has the functions and
-            the tail.
-        vector_symbols: Routines of the vector maths library for so many lanes, by function name; none if
-            None.
+        functions, lanes, cold, tail: As for :func:`compile_functions`.
+        vector_symbols: Routines of the vector maths library for this number of lanes, by function name.
 
     Raises:
         CompileError: As :func:`source_of`.
@@ -164,19 +164,19 @@ def source_units(
 def cached_library(
     parts: Sequence[str], make: Callable[[Path], Path], *, compiler: Sequence[str] = ()
 ) -> tuple[Path, ctypes.CDLL, bool]:
-    """Library from the cache, or made anew.
+    """Library from the cache, or built and stored there.
 
     Args:
-        parts: Everything that decides what it holds.
-        make: Makes it in a folder.
-        compiler: The further parts of a library that serves whichever compiler made it: where it cannot be
-            made, one with other such parts is taken from the cache.
+        parts: Sources and options that decide the library's content; the cache key is their hash.
+        make: Function that builds the library in a folder and returns its file.
+        compiler: Further parts of the key for a library that any compiler may have built. If the build
+            fails, a cached library with the same ``parts`` and another ``compiler`` is loaded instead.
 
     Returns:
-        tuple: The file, the loaded library, and whether it was found in the cache.
+        tuple: The file, the loaded library, and whether it comes from the cache.
 
     Raises:
-        CompileError: It cannot be made or loaded.
+        CompileError: The library cannot be built or loaded.
     """
     folder = cache.cache_folder()
     general, special = (
@@ -187,7 +187,7 @@ def cached_library(
     if path is not None:
         try:
             return path, ctypes.CDLL(str(path)), True
-        except OSError:  # no library of this machine: made again
+        except OSError:  # not a library of this machine: built again
             path.unlink(missing_ok=True)
     try:
         try:
@@ -203,11 +203,11 @@ def cached_library(
 
 
 UNIT = 3000
-"""Statements from which on a source holds no further piece."""
+"""Maximum number of lines of the pieces in one source, unless a single piece is longer."""
 
 
 def _aligned(size: int, lanes: int) -> Array:
-    """Zeros of shape (size, lanes) that start at a multiple of a vector register's width."""
+    """Zeros (size, lanes) whose memory is aligned to the width of a vector register."""
     width = 8 * lanes
     room = np.zeros(size * lanes + lanes, dtype=float)
     shift = (-room.ctypes.data % width) // 8

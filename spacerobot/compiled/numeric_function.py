@@ -1,6 +1,7 @@
-"""Interpreted CasADi functions of NumPy arrays, without CasADi's conversion of each argument and result.
+"""Interpreted CasADi functions called with NumPy arrays, without CasADi's conversion of arguments and
+results.
 
-:mod:`spacerobot.compiled.numpy_function` has compiled ones, which need a compiler.
+:mod:`spacerobot.compiled.numpy_function` is the compiled equivalent.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from spacerobot.common.arrays import Array
 class NumericFunction:
     """Function of NumPy arrays that CasADi's virtual machine evaluates.
 
-    CasADi makes a matrix of its own of every argument and result, which takes 40 us a call where a small
-    function itself takes 1 us. Here they pass through buffers that belong to this object: threads must not
-    share one.
+    CasADi converts every argument and result to its own matrices, which takes 40 us in each call, while a
+    small function takes 1 us. This class passes them through buffers of its own, so that threads must not
+    share an object.
 
     Args:
         function: Function with dense inputs and outputs.
@@ -35,27 +36,28 @@ class NumericFunction:
             raise ValueError(f"function '{function.name()}' has sparse inputs or outputs")
         self._buffer: Any  # must outlive the calls
         self._buffer, self._evaluate = function.buffer()
-        self._given = [np.zeros(function.numel_in(i)) for i in inputs]
+        self._arguments = [np.zeros(function.numel_in(i)) for i in inputs]
         results = [np.zeros(function.numel_out(i)) for i in outputs]
-        for give, arrays in ((self._buffer.set_arg, self._given), (self._buffer.set_res, results)):
+        for attach, arrays in ((self._buffer.set_arg, self._arguments), (self._buffer.set_res, results)):
             for i, array in enumerate(arrays):
                 if array.size:
-                    give(i, memoryview(array))  # type: ignore[arg-type]
+                    attach(i, memoryview(array))  # type: ignore[arg-type]
         # CasADi stores a matrix column by column
         sizes = [function.size_out(i) for i in outputs]
-        self._found = [
+        self._results = [
             result.reshape(columns, rows).T for result, (rows, columns) in zip(results, sizes, strict=True)
         ]
 
     def __call__(self, *arguments: npt.ArrayLike) -> list[Array]:
-        """Evaluate.
+        """Evaluate the function.
 
         Args:
-            arguments: One for each input: shape (n,), or a number for every entry; a matrix column by column.
+            arguments: One argument for each input, (n,) or a number for every entry; matrices are stacked
+                column by column.
 
         Returns:
-            list of arrays: New arrays, one for each output: shape (n,) of a column, (rows, columns) of
-                another matrix.
+            list of arrays: New arrays, one for each output: (n,) for a column, (rows, columns) for other
+                matrices.
 
         Raises:
             ValueError: The number of arguments, or the length of one, is wrong.
@@ -63,8 +65,8 @@ class NumericFunction:
         return [matrix[:, 0] if matrix.shape[1] == 1 else matrix for matrix in self.matrices(*arguments)]
 
     def matrices(self, *arguments: npt.ArrayLike) -> list[Array]:
-        """Evaluate as :meth:`__call__`, each output of shape (rows, columns)."""
-        for place, argument in zip(self._given, arguments, strict=True):
+        """Evaluate the function as :meth:`__call__`, with every output as a matrix (rows, columns)."""
+        for place, argument in zip(self._arguments, arguments, strict=True):
             place[:] = argument
         self._evaluate()
-        return [matrix.copy() for matrix in self._found]
+        return [matrix.copy() for matrix in self._results]

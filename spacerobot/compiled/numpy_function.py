@@ -1,6 +1,6 @@
-"""A compiled function that takes and gives NumPy arrays, with as little in between as Python allows.
+"""Compiled CasADi functions called with NumPy arrays at little overhead.
 
-:mod:`spacerobot.compiled.numeric_function` has interpreted ones, which need no compiler.
+:mod:`spacerobot.compiled.numeric_function` is the interpreted equivalent, which needs no compiler.
 """
 
 from __future__ import annotations
@@ -17,20 +17,22 @@ from spacerobot.compiled.library import compile_functions
 
 
 def numpy_function(function: ca.Function) -> Callable[..., Array | tuple[Array, ...]]:
-    """Compile a CasADi function, or take it from the cache, to be called with NumPy arrays.
+    """Compile a CasADi function, or load it from the cache, to be called with NumPy arrays.
 
-    Its arguments and results pass through arrays of its own, so that each thread needs one of its own.
+    The returned function copies arguments and results through buffers of its own. It is therefore not
+    thread-safe: build one for each thread.
 
     Args:
         function: SX function with dense inputs and outputs and no free variables.
 
     Returns:
-        callable: From one argument for each input (shape (n,), or a number for every entry; a matrix column
-            by column) to new arrays of shape (n,), one for each output; alone where there is only one. It
-            raises a ``ValueError`` where the number of arguments, or the length of one, is wrong.
+        callable: Function of one argument for each input, (n,) or a number for every entry; matrices are
+            stacked column by column. It returns a tuple of new arrays (n,), one for each output, or the
+            array itself if there is one output. It raises a ``ValueError`` if the number of arguments or
+            the length of one is wrong.
 
     Raises:
-        CompileError: There is no compiler, or it does not accept the function.
+        CompileError: There is no compiler, or it rejects the function.
     """
     library = compile_functions({"f": function})
     call = library.entry("call_f")

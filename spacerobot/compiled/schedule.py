@@ -1,8 +1,9 @@
-"""Order the statements of a straight-line function so that a processor finds independent work at any moment.
+"""Instruction scheduling: an order of statements that exposes instruction-level parallelism.
 
-CasADi finishes one chain of operations before it begins the next, and a processor looks only some hundred
-instructions ahead: it would wait for each result in turn. Here, a list scheduler for a plain model of a
-processor issues what lies on the longest remaining chain first. The operations stay the same.
+CasADi completes one chain of dependent operations before the next, and a processor looks only a few hundred
+instructions ahead, so that it would wait for each result in turn. A list scheduler with a simple processor
+model issues first the statement with the longest remaining chain (critical path). The operations and their
+results are unchanged.
 """
 
 from __future__ import annotations
@@ -13,17 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 WIDTH = 3
-"""Operations that the model begins in each cycle."""
+"""Operations that the processor model issues in each cycle."""
 
 WINDOW = 1000
-"""How far ahead of the oldest statement not yet issued it looks, which bounds how much must be kept."""
+"""Statements after the oldest one not yet issued that may be issued. The window bounds the live registers."""
 
 LANES_WINDOW = 400
-"""The same for vectors, of which each that finds no register costs a whole vector's store and load: eight
-lanes are 5 % faster than with 1000, a single rollout would be 6 % slower."""
+"""Window for vectorised code, where each spilled register costs the store and load of a whole vector. Eight
+lanes run 5 % faster than with 1000; a single rollout would run 6 % slower."""
 
 LATENCY, DIVISION, TURN = 4, 13, 60
-"""Cycles after which the result of a sum or product, a quotient, or a sine or cosine is there."""
+"""Latencies of a sum or product, a quotient, and a sine or cosine [cycles]."""
 
 _REGISTER = re.compile(r"\ba\d+\b")
 
@@ -36,13 +37,13 @@ class _Statement:
 
 
 def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
-    """The same statements in an order that keeps a processor busy, each register written once.
+    """Statements in scheduled order, with registers renamed so that each is written once.
 
     Args:
         lines: Statements ``a0=...;``.
-        window: How far to look ahead, in statements.
+        window: Look-ahead in statements.
     """
-    # statements whose register names are their own places, with the places of what each needs
+    # statements with registers renamed to the index of the statement, and indices of their operands
     place: dict[str, int] = {}
     statements: list[_Statement] = []
     for line in lines:
@@ -57,7 +58,7 @@ def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
         else:
             latency = DIVISION if "/" in value else LATENCY
         statements.append(_Statement(f"{target}={renamed}", needs, latency))
-    # places in the order of issue: within the window, the longest remaining chain comes first
+    # length of the longest chain of users, in cycles, which decides the priority within the window
     users: list[list[int]] = [[] for _ in statements]
     for i, statement in enumerate(statements):
         for need in statement.needs:
@@ -66,12 +67,12 @@ def order_statements(lines: Sequence[str], window: int = WINDOW) -> list[str]:
     for i in range(len(statements) - 1, -1, -1):
         chain[i] = statements[i].latency + max((chain[user] for user in users[i]), default=0)
     missing = [len(statement.needs) for statement in statements]
-    when = [0] * len(statements)  # cycle at which everything that a statement needs is there
-    beyond = [
-        i for i, count in enumerate(missing) if count == 0
-    ]  # could be issued but for the window; a heap
-    waiting: list[tuple[int, int]] = []  # within the window, by cycle
-    ready: list[tuple[int, int]] = []  # by chain
+    when = [0] * len(statements)  # cycle at which all operands of a statement are available
+    # heaps of statements all of whose operands are issued: outside the window, by index; within the window,
+    # by the cycle of their operands; with available operands, the longest chain first
+    beyond = [i for i, count in enumerate(missing) if count == 0]
+    waiting: list[tuple[int, int]] = []
+    ready: list[tuple[int, int]] = []
     issued, oldest, cycle = [False] * len(statements), 0, 0
     order: list[int] = []
     while len(order) < len(statements):

@@ -28,29 +28,29 @@ FLAGS = (
     "-ffp-contract=fast",
     "-fno-math-errno",
     "-fno-trapping-math",
-    "-freciprocal-math",  # the articulated-body algorithm divides by each joint's inertia several times
+    "-freciprocal-math",  # the articulated-body algorithm divides several times by the same joint inertia
     "-w",
 )
 
 GCC_FLAGS = (
     "-fschedule-insns",
-    "-fsched-pressure",  # order 3000 operations in a row for few spilled registers
-    "-fno-gnu-unique",  # else a library that is loaded later would read the tables of the first one's method
+    "-fsched-pressure",  # fewer spilled registers in blocks of 3000 operations
+    "-fno-gnu-unique",  # else a library loaded later would share the method tables of the first one
 )
 
-ZIG_FLAGS = ("-fno-sanitize=all",)  # it adds run-time checks unless told otherwise
+ZIG_FLAGS = ("-fno-sanitize=all",)  # without it, zig adds run-time checks
 
 BARE = (("-DNO_RUNTIME", "-fno-exceptions"), ("-nostdlib",))
-"""How zig compiles and links without the run-time libraries of C++, which it would build first in minutes."""
+"""Compile and link options of zig without the C++ run-time libraries, whose first build takes minutes."""
 
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
-"""How the name of a shared library ends here."""
+"""Suffix of shared libraries on this platform."""
 
 PROCESS_GROUP = 0 if os.name == "posix" else None
-"""Process group of a compiler: a new one, so that it can be ended with what it started."""
+"""``process_group`` of a compiler: a new group, so that it can be ended with its child processes."""
 
 ANSWER_S = 30.0
-"""Time after which a compiler that is asked for its version or macros is held to hang [s]."""
+"""Time after which a query of a compiler's version or macros is ended [s]."""
 
 NO_COMPILER = (
     "no C++ compiler was found (g++, clang++, CXX or SPACEROBOT_COMPILER); "
@@ -60,17 +60,17 @@ NO_COMPILER = (
 
 @dataclass(frozen=True)
 class Toolchain:
-    """Everything besides the source that decides what a compiled library holds.
+    """A C++ compiler with its options and the processor that it builds for.
 
     Attributes:
-        command: The C++ compiler: its path, and arguments that belong to its name.
+        command: Path of the compiler, followed by the arguments that select it (``-m ziglang c++``).
         version: First line of its version report.
-        flags: Its arguments for a source.
-        libraries: Its last arguments when linking.
-        processor: Model and instruction sets of the processor, since the code is built for this one.
-        lanes: Doubles that one vector register holds: 8 with AVX-512, 4 with AVX, 2 otherwise.
-        vector_symbols: Routines of the vector maths library for so many lanes, by function name; empty where
-            it is missing.
+        flags: Arguments to compile a source.
+        libraries: Last arguments of the link command.
+        processor: Model and instruction sets of the processor.
+        lanes: Doubles in one vector register: 8 with AVX-512, 4 with AVX, 2 otherwise.
+        vector_symbols: Routines of the vector maths library for this number of lanes, by function name; empty
+            without that library.
     """
 
     command: tuple[str, ...]
@@ -83,30 +83,30 @@ class Toolchain:
 
     @property
     def name(self) -> str:
-        """The compiler's name for a message."""
+        """Name of the compiler in messages."""
         return "ziglang" if self.is_zig else Path(self.command[0]).name
 
     @property
     def is_zig(self) -> bool:
-        """Whether it is the compiler of the ``ziglang`` package."""
+        """Whether the compiler is that of the package ``ziglang``."""
         return self.command == ZIG
 
     @property
     def identity(self) -> tuple[str, str, str]:
-        """Version, arguments and processor: with the source they decide what a library holds."""
+        """Version, arguments and processor, which with the source decide a library's content."""
         return self.version, " ".join([*self.command, *self.flags, *self.libraries]), self.processor
 
     @property
     def cold_flags(self) -> tuple[str, ...]:
-        """Arguments for a source that runs seldom."""
+        """Arguments to compile a source that runs seldom: ``-O1`` instead of ``-O3``."""
         return tuple("-O1" if flag == "-O3" else flag for flag in self.flags)
 
     @property
     def portable(self) -> Toolchain:
-        """The same compiler for libraries that other programs load on other machines.
+        """The compiler with options for libraries that other programs load on other machines.
 
-        The code runs on every processor of this machine's kind, needs nothing of the C++ runtime and hides
-        the symbols that it does not export by name. Arguments of ``SPACEROBOT_COMPILER_FLAGS`` still hold.
+        The code runs on every processor of this architecture, needs no C++ run-time library and hides the
+        symbols that it does not export by name. Arguments of ``SPACEROBOT_COMPILER_FLAGS`` still apply.
         """
         baseline = "x86_64" if self.is_zig else "x86-64"
         general = {"-march=native": f"-march={baseline}", "-mcpu=native": "-mcpu=generic"}
@@ -123,29 +123,28 @@ class Toolchain:
 
     @property
     def summary(self) -> str:
-        """One line for a report."""
+        """Version, lanes and maths library in one line."""
         maths = "vector maths" if self.vector_symbols else "plain maths"
         return f"{self.version}, {self.lanes} lanes, {maths}"
 
 
 ZIG = (sys.executable, "-m", "ziglang", "c++")
-"""The compiler that the package ``ziglang`` brings."""
+"""Command of the compiler in the package ``ziglang``."""
 
 
 def find_toolchain(*, plain: bool = False) -> Toolchain | None:
-    """The compiler named by ``SPACEROBOT_COMPILER`` or ``CXX``, else one that is installed; None without one.
+    """Compiler of ``SPACEROBOT_COMPILER`` or ``CXX``, or else an installed one; None without one.
 
-    Looked for are g++, clang++, c++ and the package ``ziglang``, in this order. ``SPACEROBOT_COMPILER=none``
-    says that nothing shall be compiled. ``SPACEROBOT_COMPILER_FLAGS`` holds further arguments for each
-    source, which come last: with ``-O1`` libraries are made sooner and run slower, with ``-march=x86-64-v3``
-    they run on every processor with AVX2, in four lanes.
+    The order of the search is g++, clang++, c++ and the package ``ziglang``. ``SPACEROBOT_COMPILER=none``
+    disables compilation. ``SPACEROBOT_COMPILER_FLAGS`` holds further arguments, which follow all others:
+    with ``-O1``, libraries compile faster and run slower; with ``-march=x86-64-v3``, they run on every
+    processor with AVX2, in four lanes.
 
     Args:
-        plain: Whether these further arguments are left out.
+        plain: Whether to ignore ``SPACEROBOT_COMPILER_FLAGS``.
 
     Raises:
-        CompileError: A compiler named by the environment cannot be run, or the variable cannot be split into
-            words.
+        CompileError: The compiler named by a variable cannot be run, or a variable has unbalanced quotes.
     """
     wish = os.environ.get("SPACEROBOT_COMPILER", "").strip()
     if wish.lower() == "none":
@@ -183,7 +182,7 @@ def _words(variable: str, text: str) -> tuple[str, ...]:
     """Words of an environment variable, quoted as in a shell."""
     try:
         return tuple(shlex.split(text, posix=os.name == "posix"))
-    except ValueError as error:  # a quotation mark or a backslash without its partner
+    except ValueError as error:  # an unbalanced quotation mark, or a backslash at the end
         raise CompileError(f"{variable} is {text!r}, which has no words: {error}") from None
 
 
@@ -195,7 +194,8 @@ def _described(command: tuple[str, ...], version: str, more: tuple[str, ...]) ->
     processor = processor_of_machine()
     sets = _targeted_sets(command, more) if any(flag.startswith("-m") for flag in more) else processor.split()
     lanes = 8 if "avx512f" in sets and "avx512dq" in sets else 4 if "avx" in sets else 2
-    # symbols that the C library's vector maths offers for so many lanes, and how to link it
+    # routines of libmvec, the vector maths of glibc, for this number of lanes; names follow the vector ABI:
+    # _ZGV, instruction set (b SSE, d AVX2, e AVX-512, n Advanced SIMD), N (unmasked), lanes, v per argument
     machine, symbols = platform.machine().lower(), dict[str, str]()
     prefix = {"x86_64": {8: "e", 4: "d", 2: "b"}.get(lanes), "aarch64": {2: "n"}.get(lanes)}.get(machine)
     try:
@@ -211,7 +211,7 @@ def _described(command: tuple[str, ...], version: str, more: tuple[str, ...]) ->
         target: tuple[str, ...] = ("-mcpu=native",)
     elif command == ZIG:
         target = ("-march=native",)
-    else:  # tuning for the newest processors spills to general registers: 15 % slower here
+    else:  # -mtune=native on recent processors spills to general registers: measured 15 % slower
         target = ("-march=native", "-mtune=generic")
     if sys.platform != "win32":
         target, libraries = (*target, "-fPIC"), (*libraries, "-lm")
@@ -223,18 +223,19 @@ def _described(command: tuple[str, ...], version: str, more: tuple[str, ...]) ->
 
 
 def _targeted_sets(command: tuple[str, ...], more: tuple[str, ...]) -> set[str]:
-    """Instruction sets, in lower case, that a compiler's predefined macros state for these arguments.
+    """Instruction sets, in lower case, that the compiler's predefined macros list for these arguments.
 
-    Lanes wider than the registers it may use would call vector maths with arguments in other registers.
+    The number of lanes must agree with the registers that the compiler may use: otherwise it would pass the
+    arguments of vector routines in other registers than these expect.
     """
     macros = _answer([*command, "-march=native", *more, "-dM", "-E", "-x", "c++", os.devnull])
-    # none if an argument is refused, which is reported when the compiler compiles
+    # empty if the compiler rejects an argument; the error is reported at the first compilation
     return {name.lower() for name in re.findall(r"^#define __(\w+?)__ 1$", macros or "", re.MULTILINE)}
 
 
 @functools.cache
 def processor_of_machine() -> str:
-    """Model and instruction sets of the first processor; without /proc, what Python knows about it."""
+    """Model and instruction sets of the first processor, from /proc/cpuinfo, sysctl or :mod:`platform`."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -257,10 +258,10 @@ def _version(command: tuple[str, ...]) -> str | None:
 
 
 def _answer(arguments: Sequence[str]) -> str | None:
-    """Output of a compiler; None if it fails or hangs. It is ended with what it started."""
+    """Output of a compiler's command; None if it fails or exceeds the time limit."""
     process = None
     try:
-        with uninterrupted():  # else Ctrl-C while it starts would leave it running
+        with uninterrupted():  # else Ctrl-C during its start would leave the process running
             process = subprocess.Popen(
                 arguments,
                 stdout=subprocess.PIPE,
@@ -280,9 +281,9 @@ def _answer(arguments: Sequence[str]) -> str | None:
 
 
 def end_process(process: subprocess.Popen[Any]) -> None:
-    """End a process of a group of its own and what it started, unless it ended by itself.
+    """End a process that is still running, and its child processes.
 
-    The number of one that ended may be another's.
+    A process that has ended is left alone, since its number may belong to another process.
 
     Args:
         process: Started with ``process_group=PROCESS_GROUP``.

@@ -1,20 +1,22 @@
-"""Passive safety: the least distance of a servicer and its target if an approach is aborted at any instant.
+"""Passive safety: the minimum distance of a servicer and its target after an abort of the approach.
 
-After an abort all actuators are off and brakes hold the joints, so that each body drifts as one rigid body:
-its centre of mass moves straight, or by the equations of Clohessy and Wiltshire about a circular orbit, and
-with the inertia I about it, the spin w and the momentum h of its wheels, in its own axes,
+After an abort, all actuators are off and brakes hold the joints, so that each body drifts as one rigid body.
+Its centre of mass moves straight, or by the Clohessy-Wiltshire equations about a circular orbit. Its angular
+velocity w follows, in body axes, with the inertia I about the centre of mass and the wheels' momentum h,
 
     I w' = -w x (I w + h).
 
-Brakes are internal, so linear and angular momentum at the abort give velocity and spin. Torques of a gravity
-gradient are left out. The distance d of two bodies is that of the nearest pair of their collision shapes
-(coal); pairs whose bounding spheres are further apart are not compared. Its rate is at most
+The brakes' torques are internal, so that linear and angular momentum at the abort determine velocity and
+angular velocity. Gravity-gradient torques are neglected. The distance d of two bodies is that of the nearest
+pair of their collision shapes (coal); pairs whose bounding spheres are further apart are not compared. The
+rate of d is bounded by
 
     L = |v_1 - v_2| + |w_1| r_1 + |w_2| r_2,
 
-where r are the radii of spheres about the centres of mass, and |w|^2 <= w . I w / (least moment of inertia),
-which is kept. So d(t) >= (d_i + d_i+1 - L (t_i+1 - t_i)) / 2 between two instants, and the search that
-evaluates d where this bound is least (Piyavskii 1972; Shubert 1972) finds the minimum to a tolerance.
+where r are the radii of spheres about the centres of mass. The rotation conserves w . I w, so that |w|^2 is
+at most w . I w divided by the smallest principal moment of inertia. Between two instants, therefore,
+d(t) >= (d_i + d_i+1 - L (t_i+1 - t_i)) / 2. A search that evaluates d where this bound is smallest (Piyavskii
+1972; Shubert 1972) finds the minimum to a tolerance.
 """
 
 from __future__ import annotations
@@ -37,25 +39,26 @@ from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.overlaps import Solid, solids
 
 TURN = 0.05
-"""Greatest rotation [rad] in a step of the integration of attitudes."""
+"""Maximum rotation in a step of the attitude integration [rad]."""
 
 MAX_STATES = 20_000_000
-"""Largest number of attitudes of a body that are integrated, all aborts together; they take 1.1 GB."""
+"""Maximum number of integrated attitudes of a body, for all aborts together; they take 1.1 GB."""
 
 MAX_DRIFT_S = 1e8
-"""Longest drift [s], three years."""
+"""Maximum duration of a drift [s], three years."""
 
 
 @dataclass(frozen=True)
 class PassiveSafety(Tabular):
-    """Least distances after aborts.
+    """Minimum distances after aborts.
 
     Attributes:
-        time_s: Instants of abort (n,) [s].
-        distance_m: Least distance during the drift after each (n,) [m], at most 0 where bodies collide.
-        drift_s: Time since the abort at which it is reached (n,) [s].
-        pairs: Links that are nearest then (n,).
-        duration_s: Length of the drifts [s].
+        time_s: Times of abort (n,) [s].
+        distance_m: Minimum distance during the drift after each abort (n,) [m]; 0 or negative if bodies
+            collide.
+        drift_s: Time from the abort to the minimum (n,) [s].
+        pairs: Names of the nearest links at the minimum (n,).
+        duration_s: Duration of the drifts [s].
     """
 
     time_s: Array
@@ -65,11 +68,11 @@ class PassiveSafety(Tabular):
     duration_s: float
 
     def content(self) -> list[Table]:
-        """Least distance of all aborts."""
+        """Table with the minimum distance of all aborts."""
         return [Table.of_pairs("passive safety", self.rows())]
 
     def rows(self, clearance_m: float | None = None) -> list[tuple[str, str]]:
-        """Least distance of all aborts as text, and the aborts after which a clearance [m] is not kept."""
+        """Names and values: minimum distance of all aborts, and aborts that violate a clearance [m]."""
         k, time = self.worst, self.time_s
         rows = [
             ("aborts", f"{len(time)}, {time[0]:g} s to {time[-1]:g} s"),
@@ -84,11 +87,11 @@ class PassiveSafety(Tabular):
 
     @property
     def worst(self) -> int:
-        """Place of the abort with the least distance."""
+        """Index of the abort with the smallest minimum distance."""
         return int(np.argmin(self.distance_m))
 
     def unsafe(self, clearance_m: float) -> Array:
-        """Instants of abort (m,) [s] after which bodies come nearer than a clearance [m].
+        """Times of the aborts (m,) [s] after which the distance falls below a clearance [m].
 
         Raises:
             SpaceRobotError: If the clearance is negative or not finite.
@@ -106,19 +109,22 @@ def passive_safety(
     tolerance_m: float | None = None,
     progress: Callable[[str], object] | None = None,
 ) -> PassiveSafety:
-    """Least distance of each robot to the target in free drift after an abort at each sample of a result.
+    """Compute the minimum distance of robots and target in free drift after an abort at each sample.
 
     Args:
-        result: A simulated approach.
-        duration_s: Length of the drift [s].
-        until_s: Last instant of abort [s]; that of the first capture, else the end, if None.
-        tolerance_m: Tolerance of the distances [m]; 1 % of each, at least 1 mm, if None.
-        progress: Called with a few words now and then.
+        result: Result of a simulated approach.
+        duration_s: Duration of the drift [s].
+        until_s: Latest time of abort [s]; that of the first capture, or the end of the simulation, if None.
+        tolerance_m: Tolerance of the distances [m]; 1 % of each, but at least 1 mm, if None.
+        progress: Callback with a short text.
+
+    Returns:
+        PassiveSafety: Minimum distance after each abort, over all robots.
 
     Raises:
-        ScenarioError: If there is no target, a body has no collision shape, an environment no known drift, or
-            a drift takes too many steps.
-        SpaceRobotError: If a duration or tolerance is not positive, or no sample is at ``until_s`` or before.
+        ScenarioError: If there is no target, a body has no collision shape, an environment has no closed-form
+            drift, or a drift takes too many steps.
+        SpaceRobotError: If a duration or tolerance is out of range, or no sample is at or before ``until_s``.
     """
     tell = progress or (lambda _: None)
     if not 0 < duration_s <= MAX_DRIFT_S:
@@ -165,18 +171,21 @@ def passive_safety(
 
 @dataclass(frozen=True)
 class _RigidDrift:
-    """A body that drifts as one rigid body after each of n aborts.
+    """Drift of a body as one rigid body after each of n aborts.
+
+    Body axes are parallel to the world axes at the abort.
 
     Attributes:
-        solids: Its collision shapes.
-        placements: Of their joints at each abort, about the centre of mass, world axes.
-        radius, spin: Greatest distance of its shapes from the centre of mass (n,) [m], bound of its spin (n,)
-            [rad/s].
-        centre: From abort and drift time [s] to the centre of mass (3,) [m].
-        terms: Components of its inertia about the centre of mass, their inverse and the momentum of its
-            wheels, each (n,), axes of the abort.
-        step, attitudes: Time between steps [s]; quaternion and spin since the abort at each (m, 7, n).
-        duration: Length of the drift [s].
+        solids: Collision shapes of the body.
+        placements: Placements of the shapes' joints at each abort, relative to the centre of mass, world
+            axes.
+        radius, spin: Maximum distance of the shapes from the centre of mass (n,) [m], and upper bound of the
+            angular velocity (n,) [rad/s].
+        centre: Function of abort and drift time [s] for the centre of mass (3,) [m].
+        terms: Components (n,) of the inertia about the centre of mass, of its inverse and of the wheels'
+            momentum, body axes.
+        step, attitudes: Time step [s], and quaternions and angular velocities at the steps (m, 7, n).
+        duration: Duration of the drift [s].
     """
 
     solids: tuple[Solid, ...]
@@ -198,7 +207,13 @@ class _RigidDrift:
         chosen: npt.NDArray[np.intp],
         drift: tuple[float, float],
     ) -> _RigidDrift:
-        """Drift of a body from samples of a result; ``drift``: mean motion [rad/s] and duration [s]."""
+        """Drift of a body from the samples of a result.
+
+        Args:
+            scene, body, result: Scene, body and result.
+            chosen: Indices of the samples (n,).
+            drift: Mean motion of the orbit [rad/s] and duration [s].
+        """
         shapes = tuple(solids(scene, body))
         if not shapes:
             message = "has no collision shape, so its distance is not known"
@@ -274,23 +289,26 @@ class _RigidDrift:
 
 
 def advance_attitudes(state: Array, inertia: Array, wheels: Array, step: float) -> Array:
-    """Attitudes of free bodies a step later, by Runge and Kutta's method of fourth order.
+    """Integrate attitudes of free rigid bodies over one RK4 step.
 
     Args:
-        state: Quaternions (x, y, z, w) and spins in the bodies' axes (n, 7) [1, rad/s].
-        inertia, wheels: About the centres of mass (n, 3, 3) [kg m^2], momenta of wheels (n, 3) [N m s],
-            bodies' axes.
-        step: Step [s].
+        state: Quaternions (x, y, z, w) and angular velocities, body axes (n, 7) [1, rad/s].
+        inertia, wheels: Inertias about the centres of mass (n, 3, 3) [kg m^2] and momenta of wheels (n, 3)
+            [N m s], body axes.
+        step: Time step [s].
+
+    Returns:
+        numpy.ndarray: States after the step (n, 7).
     """
     return np.stack(_advanced(list(state.T), _rotation_terms(inertia, wheels), step), axis=-1)
 
 
 Numbers = Sequence[Any]
-"""Components, each of one body or an array over bodies: formulas are the same, and numbers are faster."""
+"""Components, each a number or an array over bodies, so that the same formulas integrate one body or many."""
 
 
 def _rotation_terms(inertia: Array, wheels: Array) -> tuple[Numbers, Numbers, Numbers]:
-    """Components of inertia (9) and its inverse (9), row by row, and of the wheels' momentum (3)."""
+    """Components of inertias (9) and their inverses (9), row by row, and of the wheels' momenta (3)."""
     inverse = np.linalg.inv(inertia)
     return (
         list(inertia.reshape(-1, 9).T),
@@ -300,7 +318,7 @@ def _rotation_terms(inertia: Array, wheels: Array) -> tuple[Numbers, Numbers, Nu
 
 
 def _rotation_rate(state: Numbers, terms: tuple[Numbers, Numbers, Numbers]) -> Numbers:
-    """Rates of quaternion and spin: q' = q (w, 0) / 2, w' = -I^-1 (w x (I w + h))."""
+    """Rates of quaternion and angular velocity: q' = q (w, 0) / 2, w' = -I^-1 (w x (I w + h))."""
     (a, b, c, d, e, f, g, h, i), (p, q, r, s, t, u, v, y, z), (h1, h2, h3) = terms
     q1, q2, q3, q4, w1, w2, w3 = state
     m1 = a * w1 + b * w2 + c * w3 + h1
@@ -319,7 +337,7 @@ def _rotation_rate(state: Numbers, terms: tuple[Numbers, Numbers, Numbers]) -> N
 
 
 def _advanced(state: Numbers, terms: tuple[Numbers, Numbers, Numbers], step: float) -> Numbers:
-    """Quaternion and spin a step later (7)."""
+    """Quaternion and angular velocity (7) after one RK4 step."""
     half, sixth = step / 2, step / 6
     first = _rotation_rate(state, terms)
     second = _rotation_rate([x + half * k for x, k in zip(state, first, strict=True)], terms)
@@ -330,13 +348,13 @@ def _advanced(state: Numbers, terms: tuple[Numbers, Numbers, Numbers], step: flo
 
 
 def drifted_centre(place: Array, velocity: Array, begin: float, t: float, rate: float) -> Array:
-    """Centre of mass (3,) [m] that drifts straight, or by the equations of Clohessy and Wiltshire.
+    """Centre of mass (3,) [m] after a drift, straight or by the Clohessy-Wiltshire equations.
 
     Args:
-        place, velocity: At the beginning (3,) [m, m/s], world axes, of which x is radial and y along-track at
-            time 0.
-        begin, t: Time at the beginning, and time since then [s].
-        rate: Mean motion [rad/s]; 0 without an orbit.
+        place, velocity: Initial position and velocity (3,) [m, m/s], world axes, of which x is radial and y
+            along-track at time 0.
+        begin, t: Time at the beginning of the drift, and time since then [s].
+        rate: Mean motion of the orbit [rad/s]; 0 without an orbit.
     """
     if not rate:
         return place + t * velocity
@@ -360,18 +378,18 @@ def drifted_centre(place: Array, velocity: Array, begin: float, t: float, rate: 
 def _least(
     robot: _RigidDrift, target: _RigidDrift, k: int, tolerance: float | None
 ) -> tuple[float, float, tuple[str, str]]:
-    """Least distance after abort k, when it is reached, and the links that are nearest then."""
+    """Minimum distance [m] after abort k, drift time of the minimum [s], and names of the nearest links."""
     duration = robot.duration
     grid = np.linspace(0, duration, 65)
     between = np.array([robot.centre(k, t) - target.centre(k, t) for t in grid])
     jumps = np.linalg.norm(np.diff(between, axis=0), axis=1)
-    # chords of a curved path are shorter than it: by the bend over half an interval
+    # speed bound from chords, which are shorter than the curved path; second differences bound the deficit
     bends = np.abs(np.diff(between, 2, axis=0)).sum(axis=1).max()
     speed = (jumps.max() + bends) / grid[1]
     slope = speed + robot.spin[k] * robot.radius[k] + target.spin[k] * target.radius[k]
 
     def sampled(t: float) -> tuple[float, float, tuple[str, str]]:
-        """Distance [m] of the nearest shapes, the time [s] and their links."""
+        """Distance of the nearest shapes [m] at a time, the time [s], and the names of their links."""
         robots = robot.placed(k, t)
         targets = target.placed(k, t)
         ones = [(one, robots[one.joint]) for one in robot.solids]
@@ -399,6 +417,8 @@ def _least(
 
     first, last = sampled(0.0), sampled(duration)
     best = min(first, last)
+    # Piyavskii-Shubert: between two samples, d >= (d_1 + d_2 - L (t_2 - t_1)) / 2, reached where the lines of
+    # slope -L and +L through them meet; a heap of intervals, the lowest bound first
     open_ = [((first[0] + last[0] - slope * duration) / 2, first, last)]
     while open_ and best[0] > 0:
         bound, left, right = heapq.heappop(open_)

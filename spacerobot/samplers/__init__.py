@@ -1,4 +1,4 @@
-"""Samplers: how a campaign draws its uncertain parameters; one file each in ``spacerobot/samplers/kinds``."""
+"""Samplers of a campaign's uncertain parameters, one file each in ``spacerobot/samplers/kinds``."""
 
 from spacerobot.samplers.sampler import Sampler, SamplingPlan
 

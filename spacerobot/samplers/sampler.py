@@ -10,19 +10,19 @@ from spacerobot.common.registry import SAMPLERS, Registry, required
 
 
 class SampledParameter(Protocol):
-    """An uncertain parameter as samplers see it: the bounds of its distribution, and levels of a grid."""
+    """Properties of an uncertain parameter that samplers use."""
 
     @property
     def lower(self) -> float | None:
-        """Lower bound, if there is one."""
+        """Lower bound of the distribution; None if it is unbounded."""
 
     @property
     def levels(self) -> int | None:
-        """Levels of a grid; the campaign's if None."""
+        """Number of levels of a grid; the campaign's if None."""
 
 
 class SamplingPlan(Protocol):
-    """A campaign as samplers see it."""
+    """Properties of a campaign that samplers use."""
 
     @property
     def parameters(self) -> Mapping[str, SampledParameter]:
@@ -30,33 +30,32 @@ class SamplingPlan(Protocol):
 
     @property
     def samples(self) -> int:
-        """Number of samples that are requested."""
+        """Number of requested samples."""
 
     @property
     def levels(self) -> int:
-        """Levels of a grid."""
+        """Number of levels of a grid."""
 
     @property
     def seed(self) -> int:
-        """Seed of everything random."""
+        """Seed of the random numbers."""
 
 
 class Sampler:
-    """A way to draw points of the unit cube.
+    """Base class of samplers, which draw points of the unit cube.
 
     A sampler derives from this class, states its name, and is decorated with ``spacerobot.register``.
 
     Attributes:
-        name, place: In scenarios, and its place in lists.
-        summary: A few words for the documentation.
-        takes_correlation: Whether its points may be correlated afterwards.
-        has_intervals: Whether its samples are drawn from the distributions, so that confidence intervals
-            hold.
+        name, place: Name in scenarios, and place in lists.
+        summary: Short description for the documentation.
+        takes_correlation: Whether correlation may be imposed on the points.
+        has_intervals: Whether samples follow the distributions, so that confidence intervals are valid.
         reaches_bounds: Whether coordinates may be 0 and 1.
-        is_factorial: Whether every combination of levels is there, so that two parameters span a table.
-        gives_sobol_indices: Whether Sobol' indices follow from its order.
-        has_any_size: Whether it draws any number of samples; what needs another number draws Sobol points
-            instead.
+        is_factorial: Whether every combination of levels is drawn, so that two parameters span a table.
+        gives_sobol_indices: Whether Sobol' indices can be estimated from the order of the points.
+        has_any_size: Whether it draws any number of samples. A caller that needs another number of samples
+            draws Sobol points instead.
     """
 
     registry: ClassVar[Registry] = SAMPLERS
@@ -71,19 +70,19 @@ class Sampler:
     has_any_size: ClassVar[bool] = True
 
     def count(self, plan: SamplingPlan) -> int:
-        """Number of samples in all."""
+        """Number of points that the sampler draws."""
         return plan.samples
 
     def check(self, plan: SamplingPlan) -> None:
-        """Refuse what it cannot draw.
+        """Check that the sampler can draw the samples of a campaign.
 
         Raises:
-            ValueError: Its text begins with the key.
+            ValueError: If it cannot; the message begins with the key of the scenario.
         """
 
     @required()
     def points(self, plan: SamplingPlan) -> Array:
-        """Points of the unit cube (N, k), independent coordinates, in the order of the parameters.
+        """Points of the unit cube (N, k) with independent coordinates, in the order of the parameters.
 
         Raises:
             SpaceRobotError: If it needs a package that is not installed.

@@ -1,9 +1,10 @@
 """Initial states of a rendezvous from two-line elements or CCSDS orbit ephemeris messages (OEM).
 
-Two-line elements are propagated by SGP4, which gives positions and velocities in TEME (true equator, mean
-equinox) at times in UTC. An ephemeris message states its frame and time system; both objects need the same,
-of an inertial frame. The scenario's world begins at the chaser: x radial, y along-track, z cross-track, and
-does not rotate. Its reference orbit is the Keplerian orbit that osculates the chaser's at the epoch.
+SGP4 propagates two-line elements to positions and velocities in TEME (true equator, mean equinox) at times in
+UTC. An ephemeris message states its frame and time system. The files of both objects must have the same time
+system and the same inertial frame. The origin of the scenario's world is the chaser at the epoch; its axes
+are x radial, y along-track and z cross-track at the epoch, and do not rotate. The reference orbit is the
+chaser's osculating Keplerian orbit at the epoch.
 """
 
 from __future__ import annotations
@@ -25,20 +26,21 @@ from spacerobot.common.optional import optional_module
 MU = 3.986004418e14
 """Gravitational parameter of the Earth [m^3/s^2], the orbit environment's default."""
 INERTIAL = ("TEME", "EME2000", "ICRF", "GCRF", "J2000", "TOD", "MOD")
+"""Inertial frames of ephemeris messages."""
 NEIGHBOURS = 8
-"""Number of an ephemeris' states that are interpolated."""
+"""Number of nearest states from which an ephemeris is interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrbitEphemeris:
-    """States of one object.
+    """Orbit of one object as a function of time.
 
     Attributes:
         name: Name of the object.
-        source: The file.
-        frame, time_system: Frame of the states and scale of the times.
-        first, last: Range of times; of two-line elements their epoch, twice.
-        state: From a time to position and velocity (6,) [m, m/s].
+        source: File of the orbit.
+        frame, time_system: Frame of the states, and time scale.
+        first, last: First and last time of an ephemeris; both are the epoch of two-line elements.
+        state: Function of a time for position and velocity (6,) [m, m/s].
     """
 
     name: str
@@ -55,11 +57,12 @@ class RendezvousStart:
     """Reference orbit and relative state at an epoch.
 
     Attributes:
-        epoch: Time of the states, in the scale ``time_system``.
-        frame, time_system: Frame and scale of the files.
-        semi_major_axis, eccentricity, true_anomaly_deg: Of the chaser's osculating orbit [m, 1, deg].
-        position, velocity: The target relative to the chaser (3,) [m, m/s]: radial, along-track, cross-track,
-            axes that do not rotate.
+        epoch: Time of the states, in the time scale ``time_system``.
+        frame, time_system: Frame and time scale of the files.
+        semi_major_axis, eccentricity, true_anomaly_deg: Elements of the chaser's osculating orbit [m, 1,
+            deg].
+        position, velocity: Position and velocity of the target relative to the chaser (3,) [m, m/s]; axes
+            radial, along-track, cross-track at the epoch, not rotating.
     """
 
     epoch: datetime.datetime
@@ -86,7 +89,7 @@ class RendezvousStart:
         }
 
     def to_yaml(self) -> str:
-        """The same as text for a scenario file, epoch and frames as a comment."""
+        """Sections of a scenario file as text, with epoch and frame in a comment."""
         sections = self.changes()
         base = {key: sections[f"target.base.{key}"] for key in ("position", "velocity")}
         document = {"environment": sections["environment"], "target": {"base": base}}
@@ -97,16 +100,16 @@ class RendezvousStart:
 def rendezvous_start(
     chaser: StrPath, target: StrPath, epoch: datetime.datetime | str | None = None
 ) -> RendezvousStart:
-    """Reference orbit of a chaser and relative state of a target, from a file each.
+    """Compute the reference orbit of a chaser and the relative state of a target from their orbit files.
 
     Args:
-        chaser, target: Files of two-line elements or of an orbit ephemeris message (key-value notation).
-        epoch: Time of the states, in the files' time scale; the later epoch of two-line elements, or the
-            first time that both messages have, if None.
+        chaser, target: Files of two-line elements, or of an orbit ephemeris message in key-value notation.
+        epoch: Time of the states, in the files' time scale. If None, the later of the first times of both
+            files (the epoch, for two-line elements).
 
     Raises:
-        ScenarioError: If a file cannot be read, frames or time scales differ, the frame rotates, the epoch is
-            outside of an ephemeris, or the chaser is on no ellipse.
+        ScenarioError: If a file cannot be read, frames or time scales differ, a frame is not inertial, the
+            epoch is outside an ephemeris, or the chaser's orbit is not an ellipse.
         SpaceRobotError: If the package sgp4 is missing.
     """
     first, second = read_orbit(chaser), read_orbit(target)
@@ -145,7 +148,7 @@ def rendezvous_start(
 
 
 def read_orbit(path: StrPath) -> OrbitEphemeris:
-    """States from two-line elements, or from an orbit ephemeris message.
+    """Read two-line elements or an orbit ephemeris message.
 
     Raises:
         ScenarioError: If the file cannot be read.
@@ -163,7 +166,7 @@ def read_orbit(path: StrPath) -> OrbitEphemeris:
 
 
 def _read_tle(lines: list[str], source: Path) -> OrbitEphemeris:
-    """Two-line elements, with or without a line of the name above."""
+    """Orbit of two-line elements, with or without a preceding line with the object's name."""
     first = next((k for k, line in enumerate(lines) if line.startswith("1 ")), None)
     if first is None or first + 1 >= len(lines) or not lines[first + 1].startswith("2 "):
         raise ScenarioError(
@@ -171,7 +174,7 @@ def _read_tle(lines: list[str], source: Path) -> OrbitEphemeris:
             source=source,
         )
     for line in lines[first : first + 2]:
-        # the last digit is the sum of the others modulo 10, in which a minus sign counts 1
+        # checksum: the sum of all other digits modulo 10, where a minus sign counts as 1
         total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
         if len(line) != 69 or line[68] != str(total):
             raise ScenarioError(f"checksum of line {line[:1]} of the elements is wrong", source=source)
@@ -182,7 +185,7 @@ def _read_tle(lines: list[str], source: Path) -> OrbitEphemeris:
     epoch = start + datetime.timedelta(days=satellite.epochdays - 1)
 
     def state(time: datetime.datetime) -> Array:
-        """Interpolate position and velocity (6,) at a time of the ephemeris [m, m/s]."""
+        """Position and velocity (6,) [m, m/s] at a time, by SGP4."""
         minutes = (time - epoch) / datetime.timedelta(minutes=1)
         code, position, velocity = satellite.sgp4_tsince(minutes)
         if code:
@@ -194,7 +197,7 @@ def _read_tle(lines: list[str], source: Path) -> OrbitEphemeris:
 
 
 def _read_oem(lines: list[str], source: Path) -> OrbitEphemeris:
-    """First segment of an orbit ephemeris message (CCSDS 502.0-B): km and km/s."""
+    """Orbit of the first segment of an orbit ephemeris message (CCSDS 502.0-B), which is in km and km/s."""
     keys, rows, inside = dict[str, str](), list[tuple[datetime.datetime, list[float]]](), False
     for line in lines[1:]:
         if line.strip() == "META_START" and rows:
@@ -255,7 +258,10 @@ def _read_oem(lines: list[str], source: Path) -> OrbitEphemeris:
 
 
 def _time(text: str, source: Path) -> datetime.datetime:
-    """Time from ISO 8601 or year and day of the year; its scale is the file's, whatever Python calls it."""
+    """Time of an ISO 8601 text or of year and day of the year.
+
+    Python's time zone UTC stands for the file's time scale.
+    """
     text = text.removesuffix("Z")
     try:
         date, _, clock = text.partition("T")

@@ -1,4 +1,4 @@
-"""Convex shapes as CasADi expressions: signed distance, normal and one point of a pair."""
+"""Convex shapes as CasADi expressions: signed distance, contact normal and contact point of a pair."""
 
 from spacerobot.shapes.pairs import (
     CROWN,

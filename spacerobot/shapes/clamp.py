@@ -1,11 +1,11 @@
-"""Values within bounds, and lengths that have derivatives everywhere."""
+"""Clamping, and the constant that regularises lengths."""
 
 import casadi as ca
 
 TINY = 1e-24
-"""[m^2] added to the square of a distance, so that two points in one place have a direction without NaN."""
+"""Added to squared lengths, so that their square roots have finite derivatives at zero [m^2]."""
 
 
 def clamp(value: ca.SX, bound: ca.SX) -> ca.SX:
-    """Value between -bound and bound, entry by entry."""
+    """Value limited to [-bound, bound], entry by entry."""
     return ca.fmin(ca.fmax(value, -bound), bound)

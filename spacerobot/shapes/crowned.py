@@ -1,11 +1,13 @@
-"""Signed distance of any two convex shapes by their support functions, and of one from a half-space.
+"""Signed distance of two convex shapes, or of a shape and a half-space, from their support functions.
 
-The signed distance of two convex shapes, apart or not, is the maximum over unit vectors n of ``n.c - h(n)``,
-with c from one centre to the other and h(n) the sum of the first one's support function and, at -n, the
-second one's. It is found by a fixed
-number of Newton steps on the sphere. In their Hessian one of two factors u over its length of a crowned term
-is that foreseen by the step before (Chan, Golub and Mulet 1999), so that they converge however small the
-crown is.
+The signed distance of two convex shapes is the maximum over unit vectors n of V(n) = n.c - h(n), whether they
+are separated or overlap. Here c is the vector from the first centre to the second, and h(n) = h1(n) + h2(-n)
+is the support function of the Minkowski difference. A fixed number of Newton steps on the unit sphere finds
+the maximum. In the Hessian of a crowned term, one of the two factors u/|u| is the value predicted by the step
+before (Chan, Golub and Mulet 1999), so that the steps converge even for very small crowns.
+
+While the shapes overlap, V has several local maxima: the directions of shortest separation, called *ways
+out*.
 """
 
 from __future__ import annotations
@@ -23,36 +25,41 @@ from spacerobot.shapes.clamp import TINY
 from spacerobot.shapes.shape import ConvexKind, Nearest, Shape
 from spacerobot.shapes.support import Support, Term
 
-_STEPS, _STEPS_ROUND = 12, 14
-"""How many steps, without curved terms and with them."""
-_STEPS_SHARP = 30
-"""How many with sharp terms."""
-_LONGEST, _SHORTER, _SHORTER_SHARP, _WORSE = 1.0, 0.2, 0.1, 1e-12
-"""[rad] Longest step; part of it that is taken where all of it lowers the value by more than so much [m], and
-with sharp terms."""
+_STEPS, _STEPS_ROUND, _STEPS_SHARP = 12, 14, 30
+"""Numbers of Newton steps: without curved terms, with curved terms, with sharp terms."""
+_LONGEST = 1.0
+"""Maximum length of a Newton step [rad]."""
+_WORSE = 1e-12
+"""Decrease of the value beyond which a step is shortened [m]; also the minimum curvature [m]."""
+_SHORTER, _SHORTER_SHARP = 0.2, 0.1
+"""Fraction of a step that is taken if the full step decreases the value; the same with sharp terms."""
 _CURVED = 0.03
-"""Least curvature of what is maximised that a step reckons with, of the depth; inside there are saddles."""
+"""Minimum curvature assumed by a step while shapes overlap, relative to the depth: V has saddles there."""
 _APART = 0.03
-"""[rad] Ways out nearer to each other are one."""
+"""Distance of two unit vectors up to which they are the same way out [rad]."""
 _FAR = 1e9
-"""[m] More than any depth."""
+"""Length beyond any depth [m]."""
 _ASIDE = ca.DM([0.6e-9, 0.48e-9, 0.64e-9])
-"""Added to a direction that may be none."""
+"""Offset of directions that may be zero, so that they can be normalised."""
 
 
 def to_plane(shape: Shape, plane: Shape, crown: ca.SX) -> Nearest:
-    """Proximity of a shape and a half-space."""
+    """Distance of a shape from a half-space, the half-space's normal, and the nearest point of its plane."""
     low = shape.position + _Reach.of(shape.position, crown, shape.support).farthest(-plane.axis)
     distance = ca.dot(plane.axis, low - plane.position)
     return distance, plane.axis, low - distance * plane.axis
 
 
 def to_shape(one: Shape, other: Shape, crown: ca.SX) -> tuple[Nearest, ca.SX | None]:
-    """Proximity of two shapes, and which of two ways out is the shorter.
+    """Signed distance of two shapes.
 
-    Apart it is the distance; inside, the shortest way out as long as that is short beside the shapes, else
-    one of several that are locally the shortest. Where the last (1x1, None without curved terms) changes its
-    sign the way out jumps to another one that is as short; it is zero where there is one way.
+    Separated shapes have their distance. Overlapping shapes have the shortest way out if the depth is small
+    compared with the shapes, otherwise a way out that is locally the shortest.
+
+    Returns:
+        tuple: Distance, unit vector from the second to the first shape and nearest point of the second; and
+            the lead (1x1) [m], the difference of V between the two best ways out, zero if there is only one,
+            None without curved terms. Where the lead changes sign, normal and point jump.
     """
     turn, centre = ca.mtimes(one.rotation.T, other.rotation), one.inside(other.position)
     near = _nearest(*_pair(one, other))
@@ -65,20 +72,22 @@ def to_shape(one: Shape, other: Shape, crown: ca.SX) -> tuple[Nearest, ca.SX | N
 def gap_along(
     one: Shape, other: Shape, crown: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.Function, ca.SX, ca.Function | None]:
-    """Signed distance (1x1) [m] as a function of both poses for a given normal.
+    """Signed distance (1x1) [m] of both poses x, with the normal as a constant symbol.
 
-    The distance is the maximum of V(x, n) over unit vectors n. With n = (n0 + T' d) / |n0 + T' d|, n0 the
-    maximum, and M0 = -V_dd there, both held constant, one Newton step
+    The distance is the maximum of V(x, n) over unit vectors n. Let n = (n0 + T' d) / |n0 + T' d|, where n0 is
+    the maximiser, the rows of T are tangents, and M0 = -V_dd at n0. With n0 and M0 held constant, one Newton
+    step
 
         d(x) = M0^-1 V_d(x, 0)
 
-    gives a value V(x, d(x)) whose first derivative at the pose of n0 and M0 is V_x (V_d vanishes there), and
-    whose second one is V_xx + V_xd M0^-1 V_dx: both are the distance's.
+    gives V(x, d(x)). At the pose that belongs to n0 and M0, V_d = 0, so that its first derivative is V_x and
+    its second derivative is V_xx + V_xd M0^-1 V_dx. By the implicit function theorem, both equal those of the
+    distance.
 
     Returns:
-        tuple: The distance; a symbol (6x1) for n0 in the first shape's axes and the entries 11, 12, 22 of
-            M0^-1; the function that finds them, what it is given, and one step of it where such steps alone
-            find them for shapes that are apart.
+        tuple: The distance; the symbol (6x1) of n0, first shape's axes, and of the entries 11, 12, 22 of
+            M0^-1; the function that evaluates the symbol; its arguments, stacked; and the function of one
+            step, as in :func:`_ascent`.
     """
     kinds, sizes = _pair(one, other)
     symbol = ca.SX.sym("normal", 6)
@@ -98,16 +107,13 @@ _Sizes = tuple[int, int]
 
 
 def _pair(one: Shape, other: Shape) -> tuple[_Kinds, _Sizes]:
-    """Kinds of two shapes, and how many measures each has."""
+    """Kinds of two shapes, and the number of measures of each."""
     return (one.kind, other.kind), (one.measures.numel(), other.measures.numel())
 
 
 @functools.cache
 def _nearest(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
-    """Function for the gap, the normal and the second shape's nearest point, in the axes of the first shape.
-
-    The last output is the difference between the two shortest ways out of an overlap.
-    """
+    """Function for gap, normal, the second shape's nearest point and lead, in the first shape's axes."""
     inputs = _symbols(sizes)
     _, centre, *_, crown = inputs
     reach, first, others = _reach_between(kinds, inputs)
@@ -118,7 +124,7 @@ def _nearest(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
 
 @functools.cache
 def _maximum(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
-    """Normal in the first's axes, and the inverse of minus the value's second derivative there (6x1)."""
+    """Function of the stacked arguments for n0, first shape's axes, and the entries of M0^-1 (6x1)."""
     inputs = _symbols(sizes)
     normal = ca.SX.sym("normal", 3)
     reach, first, others = _reach_between(kinds, inputs)
@@ -126,74 +132,78 @@ def _maximum(kinds: _Kinds, sizes: _Sizes) -> ca.Function:
     bent = -ca.jacobian(slope, step)
     gap, bend = ca.substitute([value, ca.densify(bent)], [step], [ca.SX.zeros(2)])
     inverse = ca.Function("inverse", [*inputs, normal], [_inverse((bend[0, 0], bend[0, 1], bend[1, 1]), gap)])
-    flat = ca.SX.sym("given", sum(one.numel() for one in inputs))
+    flat = ca.SX.sym("arguments", sum(one.numel() for one in inputs))
     ends = np.cumsum([0, *(one.numel() for one in inputs)])
     parts = [
         ca.reshape(flat[int(a) : int(b)], one.shape)
         for a, b, one in zip(ends[:-1], ends[1:], inputs, strict=True)
     ]
-    # without common parts taken out, which takes longer than it saves where nothing is compiled
+    # common subexpressions are left: interpreted, their elimination takes longer than it saves
     best = ca.Function("best", inputs, [reach.best(_directions(inputs[1], first.terms, others.terms))[0]])
     summit = best(*parts)
     name = "_".join(["maximum", *(kind.__name__.lower() for kind in kinds)])
-    return ca.Function(name, [flat], [ca.vertcat(summit, inverse(*parts, summit))], ["given"], ["found"])
+    return ca.Function(
+        name, [flat], [ca.vertcat(summit, inverse(*parts, summit))], ["arguments"], ["optimum"]
+    )
 
 
 @functools.cache
 def _ascent(kinds: _Kinds, sizes: _Sizes) -> ca.Function | None:
-    """One Newton step to the maximum, of what :func:`_maximum` is given; None where steps have a memory.
+    """Function of one Newton step towards the maximum; None unless a term is sharp and none has a memory.
 
-    The value is the lower bound n.c - h(n) of a concave function of n in space: where it is positive there is
-    one maximum on the sphere, whatever the first direction. The function takes a unit vector n too, or zeros
-    for that to the second shape's centre. Its result (11x1) is the vector after the step, what ``_maximum``
-    finds if n is the maximum, the value [m] and its slope [m] at n.
+    V(n) = n.c - h(n) is concave and homogeneous of degree one in space. If its maximum on the sphere is
+    positive, that is the only local maximum with a positive value, so that steps reach it from any start.
+
+    The function's arguments are those of :func:`_maximum` and a unit vector n (3x1), first shape's axes, or
+    zeros for the direction to the second shape's centre. Its result (11x1) is the unit vector after the step;
+    n and the entries of M0^-1 at n; V(n) [m]; and the norm of its gradient on the sphere [m].
     """
     inputs = _symbols(sizes)
     reach = _reach_between(kinds, inputs)[0]
     memory = [term.first_memory() for term in reach.terms]
     if not reach.is_sharp or any(one.numel() for one in memory):
         return None
-    given = ca.SX.sym("n", 3)
-    n = ca.if_else(ca.dot(given, given) > 0, given, _unit(reach.centre))
+    start = ca.SX.sym("n", 3)
+    n = ca.if_else(ca.dot(start, start) > 0, start, _unit(reach.centre))
     normal = ca.SX.sym("normal", 3)
     value, slope, step = reach.about(normal)
     bent = -ca.jacobian(slope, step)
     at = ca.substitute([value, ca.densify(slope), ca.densify(bent)], [step], [ca.SX.zeros(2)])
     inverse = _inverse((at[2][0, 0], at[2][0, 1], at[2][1, 1]), at[0])
-    found = ca.vertcat(normal, inverse, at[0], ca.norm_2(at[1]))
-    here = ca.Function("here", [*inputs, normal], [found])(*inputs, n)
+    optimum = ca.vertcat(normal, inverse, at[0], ca.norm_2(at[1]))
+    at_start = ca.Function("at_start", [*inputs, normal], [optimum])(*inputs, n)
     flat = ca.vertcat(*(ca.vec(one) for one in inputs))
-    after = reach._stepping(n, *memory, *reach._free)[0]
-    whole = ca.vertcat(after, here)
+    after_step = reach._stepping(n, *memory, *reach._free)[0]
+    result = ca.vertcat(after_step, at_start)
     name = "_".join(["ascent", *(kind.__name__.lower() for kind in kinds)])
-    return ca.Function(name, [flat, given], [ca.densify(ca.cse(whole))])
+    return ca.Function(name, [flat, start], [ca.densify(ca.cse(result))])
 
 
 def _symbols(sizes: _Sizes) -> list[ca.SX]:
-    """Turn and centre of the second in the axes of the first, measures of each, and the crown."""
+    """Rotation and centre of the second shape in the first's axes, measures of each, and the crown."""
     measures = [ca.SX.sym("measures", size) for size in sizes]
     return [ca.SX.sym("turn", 3, 3), ca.SX.sym("centre", 3), *measures, ca.SX.sym("crown")]
 
 
-def _reach_between(kinds: _Kinds, given: Sequence[ca.SX]) -> tuple[_Reach, Support, Support]:
-    """Sum of two shapes in the axes of the first, and the support functions of each."""
-    turn, centre, *measures, crown = given
+def _reach_between(kinds: _Kinds, inputs: Sequence[ca.SX]) -> tuple[_Reach, Support, Support]:
+    """V of two shapes in the first's axes, h1(n) of the first and h2(-n) of the second."""
+    turn, centre, *measures, crown = inputs
     first = kinds[0].support(ca.SX.eye(3), measures[0])
-    others = kinds[1].support(turn, measures[1]).reflected()  # its reach towards the first one
+    others = kinds[1].support(turn, measures[1]).reflected()
     return _Reach.of(centre, crown, first, others), first, others
 
 
-def _directions(centre: ca.SX, own: Sequence[Term], others: Sequence[Term]) -> Iterator[ca.SX]:
-    """Directions (3x1) in which the way out may be the shortest: of axes, across two of them, radial."""
-    axes = [[axis for term in terms for axis in term.axes()] for terms in (own, others)]
+def _directions(centre: ca.SX, first: Sequence[Term], others: Sequence[Term]) -> Iterator[ca.SX]:
+    """First guesses (3x1) of the maximiser: axes, cross products of two axes (edge to edge), radial ones."""
+    axes = [[axis for term in terms for axis in term.axes()] for terms in (first, others)]
     yield from (*axes[0], *axes[1])
     yield from (cross(a, b) for a, b in itertools.product(*axes))
-    yield from (direction for term in (*own, *others) for direction in term.radial(centre))
+    yield from (direction for term in (*first, *others) for direction in term.radial(centre))
 
 
 @dataclass(frozen=True)
 class _Reach:
-    """Value n.c - h(n) of a Minkowski sum about the origin, seen from a centre (3x1) [m]."""
+    """Function V(n) = n.c - h(n) [m] of a centre c (3x1) [m] and a sum h of support functions."""
 
     centre: ca.SX
     terms: tuple[Term, ...]
@@ -202,33 +212,37 @@ class _Reach:
 
     @classmethod
     def of(cls, centre: ca.SX, crown: ca.SX, *supports: Support) -> _Reach:
-        """Reach of the Minkowski sum of supports, about a centre."""
+        """V of a centre and the Minkowski sum of some shapes, by their support functions."""
         terms = tuple(term for support in supports for term in support.terms)
         return cls(centre, terms, sum((support.ball for support in supports), ca.SX(0)), crown)
 
     @property
     def is_curved(self) -> bool:
-        """Whether one of its terms is curved."""
+        """Whether a term is curved, so that the maximiser may be any direction."""
         return any(term.is_curved for term in self.terms)
 
     @property
     def is_sharp(self) -> bool:
-        """Whether one of its terms is."""
+        """Whether a term is sharp, so that more and shorter steps are needed."""
         return any(term.is_sharp for term in self.terms)
 
     def value(self, n: ca.SX) -> ca.SX:
-        """Separation along a unit vector (1x1) [m]."""
+        """Separation V(n) along a unit vector (1x1) [m]."""
         return ca.dot(n, self.centre) - sum((term.reach(n, self.crown) for term in self.terms), self.ball)
 
     def farthest(self, n: ca.SX) -> ca.SX:
-        """Point of the sum that is farthest along a unit vector (3x1) [m]."""
+        """Support point: the point of the Minkowski sum that is farthest along a unit vector (3x1) [m]."""
         return sum((term.farthest(n, self.crown) for term in self.terms), self.ball * n)
 
     def best(self, directions: Iterator[ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """Unit vector (3x1) at which the value is greatest, from where it is greatest of some directions.
+        """Maximiser of V (3x1), by Newton steps from the best of some directions.
 
-        With curved terms, also from the next best: of two ways out that are nearly alike either may win.
-        The lead (1x1) [m] of one over the other comes along; which one is told by where they point.
+        With curved terms, steps also start from the second best direction, since either of two similar ways
+        out may be the shorter one.
+
+        Returns:
+            tuple: The unit vector, and the lead (1x1) [m]: the difference of V between the two ways out. Its
+                sign follows a fixed direction, not the order of the search, so that it is continuous.
         """
         first = second = _unit(self.centre)
         value, next_value = self.value(first), ca.SX(-_FAR)
@@ -250,7 +264,7 @@ class _Reach:
         return normal, lead
 
     def climb(self, n: ca.SX) -> ca.SX:
-        """Unit vector (3x1) after steps towards a greater value."""
+        """Unit vector (3x1) after a fixed number of Newton steps."""
         memory = [term.first_memory() for term in self.terms]
         steps = _STEPS_SHARP if self.is_sharp else _STEPS_ROUND if self.is_curved else _STEPS
         for _ in range(steps):
@@ -258,20 +272,20 @@ class _Reach:
         return n
 
     def about(self, n: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Value around a unit vector, its slope (2x1), and the symbol (2x1) of the step across it."""
+        """V around a unit vector (1x1) [m], its gradient (2x1), and the symbol (2x1) of a tangential step."""
         step = ca.SX.sym("step", 2)
         value = self.value(_scaled(n + ca.mtimes(_tangents(n).T, step)))
         return value, ca.gradient(value, step), step
 
     @functools.cached_property
     def _free(self) -> list[ca.SX]:
-        """Symbols of which all is made."""
+        """Symbols that the expressions of V depend on."""
         made = (term.made_of() for term in self.terms)
         return ca.symvar(ca.vertcat(self.centre, *made, self.ball, self.crown))
 
     @functools.cached_property
     def _stepping(self) -> ca.Function:
-        """One step as a function, which takes less time to repeat than its expressions to build."""
+        """Function of one Newton step, whose repeated call is faster than to build its expressions again."""
         n = ca.SX.sym("n", 3)
         memory = [ca.SX.sym("memory", term.first_memory().numel()) for term in self.terms]
         # step on the sphere (3x1), and the memory of each term after it
@@ -286,7 +300,7 @@ class _Reach:
         states = zip(self.terms, memory, strict=True)
         ahead = [term.next_memory(n, self.crown, step, old) for term, old in states]
         full = _scaled(n + step)
-        if self.is_curved:  # else all of it never does harm
+        if self.is_curved:  # without curved terms, a full step never decreases V
             worse = self.value(full) < self.value(n) - _WORSE
             shorter = _SHORTER_SHARP if self.is_sharp else _SHORTER
             full = ca.if_else(worse, _scaled(n + shorter * step), full)
@@ -294,7 +308,12 @@ class _Reach:
 
 
 def _solved(bend: Sequence[ca.SX], value: ca.SX, pull: ca.SX) -> ca.SX:
-    """Newton step in the tangent plane (2x1); the sphere adds the value to minus the Hessian."""
+    """Newton step in the tangent plane (2x1).
+
+    On the unit sphere, the Hessian of V is its tangential part V_tt in space minus (n . grad V) I. V is
+    homogeneous of degree one, so that n . grad V = V (Euler). Minus the Hessian is therefore bend + V I.
+    While shapes overlap (V < 0) it may be indefinite, and is shifted to a smallest eigenvalue of _CURVED |V|.
+    """
     middle, half = (bend[0] + bend[2]) / 2, (bend[0] - bend[2]) / 2
     least = middle - ca.sqrt(half**2 + bend[1] ** 2 + TINY)
     add = ca.if_else(value > 0, value, ca.fmax(value, -least - _CURVED * value)) + _WORSE
@@ -304,7 +323,7 @@ def _solved(bend: Sequence[ca.SX], value: ca.SX, pull: ca.SX) -> ca.SX:
 
 
 def _inverse(bend: Sequence[ca.SX], value: ca.SX) -> ca.SX:
-    """Entries 11, 12, 22 of the inverse of minus a second derivative (3x1), kept positive as in a step."""
+    """Entries 11, 12, 22 (3x1) of the inverse of minus a Hessian, shifted as in :func:`_solved`."""
     middle, half = (bend[0] + bend[2]) / 2, (bend[0] - bend[2]) / 2
     least = middle - ca.sqrt(half**2 + bend[1] ** 2 + TINY)
     add = ca.if_else(value > 0, 0, ca.fmax(0, -least - _CURVED * value)) + _WORSE
@@ -313,7 +332,7 @@ def _inverse(bend: Sequence[ca.SX], value: ca.SX) -> ca.SX:
 
 
 def _tangents(n: ca.SX) -> ca.SX:
-    """Two unit vectors across a unit vector and each other (2x3), by Duff et al. 2017."""
+    """Two orthonormal tangents of the sphere at a unit vector, as rows (2x3), by Duff et al. 2017."""
     side = ca.if_else(n[2] < 0, -1, 1)
     a = -1 / (side + n[2])
     b = n[0] * n[1] * a
@@ -322,7 +341,7 @@ def _tangents(n: ca.SX) -> ca.SX:
 
 
 def _unit(direction: ca.SX) -> ca.SX:
-    """Unit vector along a direction (3x1); almost along it where it may be none."""
+    """Unit vector (3x1) along a direction that may be zero."""
     return _scaled(direction + _ASIDE)
 
 

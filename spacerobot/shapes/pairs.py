@@ -1,4 +1,4 @@
-"""Proximity of two shapes."""
+"""Signed distance, witness points and approach speed of two shapes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Proximity:
     """Distance of two shapes, and its witness points.
 
     Attributes:
-        gap: Signed distance (1x1) [m], negative where they overlap.
-        normal: Unit vector (3x1) from the first to the second.
-        point: Halfway between the two points that are nearest to each other, or deepest in each other (3x1)
-            [m].
-        lead: Of one way out over another (1x1) [m], zero where there is one; normal and point jump where its
-            sign changes. None where two ways are not looked for.
+        gap: Signed distance (1x1) [m], negative while the shapes overlap.
+        normal: Unit vector (3x1) from the first to the second, world axes.
+        point: Midpoint of the two witness points, which are nearest to each other or deepest in each other
+            (3x1) [m].
+        lead: Difference of depth between the two shortest ways out of an overlap (1x1) [m], zero if there is
+            only one. Normal and point jump where its sign changes. None if a second way is not computed.
     """
 
     gap: ca.SX
@@ -33,23 +33,24 @@ class Proximity:
 
 
 CROWN = 1e-3
-"""Height of the dome on flat faces and straight edges, of half their length, if nothing says."""
+"""Default crown: height of the dome on flat faces and straight edges, relative to half their length."""
 
 
 def have_distance(one: type[ConvexKind], other: type[ConvexKind]) -> bool:
-    """Whether two kinds of shapes have a distance; half-spaces have none from each other."""
+    """Whether two kinds of shapes have a distance: false for two half-spaces."""
     return not (one.is_halfspace and other.is_halfspace)
 
 
 def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximity:
     """Proximity of two shapes.
 
-    A ball's distance from a shape whose kind has a closed form is exact; otherwise support functions decide.
+    The distance of a ball from a shape with a closed form is exact. Other distances follow from the support
+    functions of crowned shapes.
 
     Args:
         one, other: The shapes.
-        crown: Height of the dome on flat faces and straight edges, of half their length (1x1); without effect
-            where the distance is exact.
+        crown: Height of the dome on flat faces and straight edges, relative to half their length (1x1);
+            without effect on exact distances.
 
     Raises:
         ValueError: If both are half-spaces.
@@ -64,7 +65,7 @@ def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximi
         distance, away, nearest = exact
         radius = other.support.ball
         gap = distance - one.support.ball - radius
-        # the surface points are those of the cores, moved by the radii towards each other
+        # witness points are those of the cores, shifted towards each other by the radii
         return Proximity(gap, -away, nearest + away * (radius + gap / 2))
     lead = None
     if other.kind.is_halfspace:
@@ -75,21 +76,22 @@ def proximity(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> Proximi
 
 
 def approach_speed(shapes: Sequence[MovingShape], crown: ca.SX | float = CROWN) -> ca.SX:
-    """Upper bound of the rate of the gap of two moving shapes (1x1) [m/s].
+    """Upper bound of the rate of change of the gap of two moving shapes (1x1) [m/s].
 
-    With the nearest points p1 and p2, the unit vector n from p1 to p2, and the bodies' velocity fields v1 and
-    v2, the gap's rate is ``n.(v2(p2) - v1(p1))``. Since p2 - p1 is along n, this is ``n.w(p2)``, where
-    w = v2 - v1 is the second's motion relative to the first, with omega = omega_2 - omega_1:
-    ``n.(w(c2) + omega x (p2 - c2))``. A ball's part of p2 - c2 is along n, so that with r2, the radius about
-    c2 of the shape without its ball, the rate is at most ``|w(c2)| + |omega| r2``. Likewise about c1; and at
-    most ``|v2(c2) - v1(c1)| + |omega_1| r1 + |omega_2| r2``. None depends on where the nearest points are.
+    Let p1 and p2 be the witness points, n the unit vector from p1 to p2, c1 and c2 the shapes' origins, and
+    v1 and v2 the velocity fields of the bodies. The gap's rate is ``n.(v2(p2) - v1(p1))``. Since p2 - p1 is
+    along n, it equals ``n.w(p2)`` with the relative velocity field w = v2 - v1, that is, with
+    omega = omega_2 - omega_1, ``n.(w(c2) + omega x (p2 - c2))``. The ball's part of p2 - c2 is along n and
+    does not contribute. With r2, the radius about c2 of the shape without its ball, the rate is bounded by
+    ``|w(c2)| + |omega| r2``. A second bound exchanges the shapes, and a third is
+    ``|v2(c2) - v1(c1)| + |omega_1| r1 + |omega_2| r2``. None depends on the witness points.
 
     Args:
         shapes: The two shapes and their motions; at most one is a half-space.
-        crown: Height of the dome on flat faces and straight edges, of half their length (1x1).
+        crown: Height of the dome on flat faces and straight edges, relative to half their length (1x1).
 
     Returns:
-        ca.SX: The least of these bounds.
+        ca.SX: The smallest of these bounds.
     """
     one, other = shapes
     turning = ca.norm_2(other.angular - one.angular)
@@ -106,11 +108,11 @@ def approach_speed(shapes: Sequence[MovingShape], crown: ca.SX | float = CROWN) 
 
 @dataclass(frozen=True)
 class MovingShape:
-    """A shape that moves with its body.
+    """A shape that moves with its body, world axes.
 
     Attributes:
-        shape: The shape, world axes.
-        linear, angular: Velocity of its origin (3x1) [m/s] and angular velocity (3x1) [rad/s], world axes.
+        shape: The shape.
+        linear, angular: Velocity of the shape's origin (3x1) [m/s] and angular velocity (3x1) [rad/s].
     """
 
     shape: Shape
@@ -118,15 +120,15 @@ class MovingShape:
     angular: ca.SX
 
     def velocity(self, point: ca.SX) -> ca.SX:
-        """Velocity (3x1) [m/s] of its material point at a point (3x1) [m]."""
+        """Velocity (3x1) [m/s] of the body's material point at a position (3x1) [m]."""
         return self.linear + cross(self.angular, point - self.shape.position)
 
 
 def core_radius(shape: Shape, crown: ca.SX | float) -> ca.SX | None:
-    """Radius (1x1) [m] about its origin that holds a shape without its ball; None for a half-space.
+    """Radius (1x1) [m], about its origin, of a sphere around a shape without its ball; None for a half-space.
 
-    A support function h is sublinear: ``h(n) <= sum |n_i| h(+-e_i)``, so that the norm of its greatest values
-    along three axes bounds it.
+    A support function h is sublinear: ``h(n) <= sum |n_i| h(+-e_i)``. By Cauchy and Schwarz, the norm of the
+    vector of max(h(e_i), h(-e_i)) bounds it.
     """
     if shape.kind.is_halfspace:
         return None
@@ -139,32 +141,34 @@ def core_radius(shape: Shape, crown: ca.SX | float) -> ca.SX | None:
 
 
 class Implicit(NamedTuple):
-    """Result of an iteration, as a symbol that is held constant in derivatives.
+    """Result of an iteration, as a symbol that derivatives hold constant.
 
     Attributes:
-        symbol: Symbol (n x 1); of no length where there is no iteration.
-        function: Finds its value (n x 1) by a fixed number of steps; None where there is none.
-        given: Expression (m x 1) that the function is called with.
-        ascent: One step of the iteration, called with the same and a direction (3 x 1), which alone leads
-            there where shapes are apart; see :func:`spacerobot.shapes.crowned.gap_along`. None where it may
-            not.
+        symbol: Symbol of the result (n x 1); empty if the distance needs no iteration.
+        function: Function that evaluates the result (n x 1) by a fixed number of steps, or None.
+        arguments: Arguments of the function as an expression (m x 1).
+        ascent: Function of one step, called with the arguments and a direction (3 x 1). For separated shapes,
+            these steps reach the result from any direction. None unless a term is sharp and none has a
+            memory; see :mod:`spacerobot.shapes.crowned`.
     """
 
     symbol: ca.SX
     function: ca.Function | None
-    given: ca.SX
+    arguments: ca.SX
     ascent: ca.Function | None = None
 
 
 def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca.SX, Implicit]:
-    """Signed distance of two shapes that is cheap to differentiate.
+    """Signed distance of two shapes for repeated differentiation.
+
+    The direction that an iteration finds is a symbol of the expression. First and second derivatives of the
+    expression with this symbol held constant are those of the distance.
 
     Args:
         one, other, crown: As for :func:`proximity`.
 
     Returns:
-        tuple: The distance (1x1) [m], and the symbol in it for the direction that an iteration finds: first
-            and second derivatives at a constant symbol are the distance's.
+        tuple: The distance (1x1) [m], and the symbol with the iteration that evaluates it.
     """
     if is_exact(one, other) or one.kind.is_halfspace or other.kind.is_halfspace:
         return proximity(one, other, crown).gap, Implicit(ca.SX(0, 1), None, ca.SX(0, 1))
@@ -173,7 +177,7 @@ def held_gap(one: Shape, other: Shape, crown: ca.SX | float = CROWN) -> tuple[ca
 
 
 def is_exact(one: Shape, other: Shape) -> bool:
-    """Whether the distance of two shapes has a closed form: one is a ball, and the other's kind has one."""
+    """Whether the distance has a closed form: one shape is a ball, the other has one for points."""
     if other.is_ball and not one.is_ball:
         one, other = other, one
     return one.is_ball and other.kind.nearest(one.position, other) is not None

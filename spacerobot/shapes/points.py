@@ -1,7 +1,7 @@
-"""Signed distance from a point to a convex core: a point, a segment, a half-space, a box, a cylinder.
+"""Signed distance from a point to a convex core: point, segment, half-space, box or cylinder.
 
-Each gives the distance, the unit direction from the core to the point, and the core's nearest point; inside
-a solid core the distance is negative and the direction that of the nearest face.
+Each function returns the distance, the unit vector from the core to the point, and the core's nearest point.
+Inside a solid core, the distance is negative and the unit vector is the normal of the nearest face.
 """
 
 from __future__ import annotations
@@ -13,35 +13,35 @@ from spacerobot.shapes.shape import Nearest, Shape
 
 
 def to_point(point: ca.SX, other: ca.SX) -> Nearest:
-    """From a point to a point (3x1 each)."""
+    """Distance from a point to a point (3x1 each)."""
     gap = point - other
     distance = ca.sqrt(ca.dot(gap, gap) + TINY)
     return distance, gap / distance, other
 
 
 def to_segment(point: ca.SX, segment: Shape, half: ca.SX) -> Nearest:
-    """From a point (3x1) to a segment along own z of half length ``half`` (1x1) [m]."""
+    """Distance from a point (3x1) to a segment along the shape's z axis, with half length (1x1) [m]."""
     along = clamp(ca.dot(segment.axis, point - segment.position), half)
     return to_point(point, segment.position + along * segment.axis)
 
 
 def to_plane(point: ca.SX, plane: Shape) -> Nearest:
-    """From a point (3x1) to a half-space."""
+    """Distance from a point (3x1) to a half-space."""
     distance = ca.dot(plane.axis, point - plane.position)
     return distance, plane.axis, point - distance * plane.axis
 
 
 def to_box(point: ca.SX, box: Shape, half: ca.SX) -> Nearest:
-    """From a point (3x1) to a box of half edges ``half`` (3x1) [m]."""
+    """Distance from a point (3x1) to a box with half edges ``half`` (3x1) [m]."""
     local = box.inside(point)
     distance, direction, nearest = _to_block(local, half)
     return distance, box.outside(direction), box.position + box.outside(nearest)
 
 
 def to_cylinder(point: ca.SX, cylinder: Shape, radius: ca.SX, half: ca.SX) -> Nearest:
-    """From a point (3x1) to a cylinder along own z, of a radius and half a length (1x1 each) [m].
+    """Distance from a point (3x1) to a cylinder along the shape's z axis, of a radius and half length [m].
 
-    It is a rectangle in the plane of the point and the axis.
+    In the plane of the point and the axis, the cylinder is a rectangle.
     """
     local = cylinder.inside(point)
     out = ca.sqrt(local[0] ** 2 + local[1] ** 2 + TINY)
@@ -55,7 +55,7 @@ def to_cylinder(point: ca.SX, cylinder: Shape, radius: ca.SX, half: ca.SX) -> Ne
 
 
 def _to_block(point: ca.SX, half: ca.SX) -> Nearest:
-    """From a point (n x 1) to the block between -half and half, in n dimensions."""
+    """Distance from a point (n x 1) to the box between -half and half in n dimensions."""
     nearest = clamp(point, half)
     gap = point - nearest
     away = ca.sqrt(ca.dot(gap, gap) + TINY)
@@ -63,7 +63,7 @@ def _to_block(point: ca.SX, half: ca.SX) -> Nearest:
     deepest = ca.mmax(over)
     is_out = deepest > 0
     face, chosen = [], ca.SX(0)
-    for i in range(point.size1()):  # of faces equally near, the first
+    for i in range(point.size1()):  # the first of equally near faces
         here = ca.logic_and(over[i] >= deepest, chosen < 0.5)
         face.append(ca.if_else(here, ca.if_else(point[i] < 0, -1, 1), 0))
         chosen = chosen + here

@@ -1,10 +1,11 @@
-"""Support functions of convex shapes: how far a shape reaches along a direction.
+"""Support functions h(n) of convex shapes: the maximum of n.p over the points p of a shape.
 
-A shape is a Minkowski sum of a ball and terms, so its support function h(n) is the sum of theirs. A segment's
-or disc's term is ``size |u|``, where u is the part of n along the segment's axis, or across the disc's. It
-has a kink where u = 0: there a whole edge or face is farthest. Crowned, it is ``size sqrt(|u|^2 + crown^2)``,
-which domes edges and faces by ``crown size`` and makes the farthest point unique. A smooth term is any
-function that has two derivatives and is homogeneous of degree one, as that of an ellipsoid.
+A shape is the Minkowski sum of a ball and terms, so that its support function is the sum of theirs. The term
+of a segment or disc is ``size |u|``, where u is the component of n along the segment's axis or perpendicular
+to the disc's. It has a kink at u = 0, where every point of an edge or face is farthest. The crowned term
+``size sqrt(|u|^2 + crown^2)`` adds a dome of height ``crown size`` to edges and faces, so that the farthest
+point is unique. A smooth term is any twice differentiable function that is homogeneous of degree one, such as
+that of an ellipsoid.
 """
 
 from __future__ import annotations
@@ -20,54 +21,61 @@ import casadi as ca
 from spacerobot.shapes.clamp import TINY, clamp
 
 SupportLaw = Callable[[ca.SX, ca.SX], ca.SX]
-"""Support function (1x1) [m] of a direction in own axes (3x1) and measures (n x 1) [m]."""
+"""Support function (1x1) [m] of a direction in the shape's axes (3x1) and measures (n x 1) [m]."""
 
 
 class Term(Protocol):
     """A term of a support function; n is a unit vector (3x1), world axes.
 
-    ``memory`` is what the term keeps between the Newton steps of :mod:`spacerobot.shapes.crowned`.
+    ``memory`` is a state that the term carries from one Newton step of :mod:`spacerobot.shapes.crowned` to
+    the next.
     """
 
     @property
     def is_sharp(self) -> bool:
-        """Whether the search for the direction needs more and shorter steps."""
+        """Whether the curvature changes so fast that the search needs more and shorter steps."""
 
     @property
     def is_curved(self) -> bool:
-        """Whether directions that maximise a distance may lie anywhere, not only at axes and across two."""
+        """Whether the normal of a pair may be any direction, not only an axis or a product of two axes."""
 
     def reach(self, n: ca.SX, crown: ca.SX) -> ca.SX:
-        """Its value (1x1) [m]."""
+        """Value of the term (1x1) [m]."""
 
     def farthest(self, n: ca.SX, crown: ca.SX) -> ca.SX:
-        """Its gradient (3x1) [m]: the farthest point."""
+        """Gradient of the term (3x1) [m], which is the farthest point."""
 
     def bend(self, n: ca.SX, crown: ca.SX, tangents: ca.SX, memory: ca.SX) -> tuple[ca.SX, tuple[ca.SX, ...]]:
         """Gradient (2x1) and Hessian (its entries 00, 01, 11) along two tangents (2x3) [m]."""
 
     def first_memory(self) -> ca.SX:
-        """The memory before the first step."""
+        """Memory before the first step."""
 
     def next_memory(self, n: ca.SX, crown: ca.SX, step: ca.SX, memory: ca.SX) -> ca.SX:
-        """The memory after a step (3x1) from a direction."""
+        """Memory after a step (3x1) from a direction."""
 
     def axes(self) -> Sequence[ca.SX]:
-        """Directions (3x1) of flat faces or of greatest and least reach."""
+        """Directions (3x1) of the shape's axes, first guesses of a pair's normal."""
 
     def radial(self, centre: ca.SX) -> Sequence[ca.SX]:
-        """Directions (3x1) towards a point (3x1) [m] that its shape singles out."""
+        """Further first guesses (3x1), which depend on the other shape's centre (3x1) [m]."""
 
     def made_of(self) -> ca.SX:
-        """Expressions (n x 1) of which it is made."""
+        """Expressions that the term depends on (n x 1)."""
 
     def reflected(self) -> Term:
-        """The term reflected at its origin: its value at -n."""
+        """The term reflected at the origin, whose value at n is that at -n."""
 
 
 @dataclass(frozen=True)
 class CrownedTerm:
-    """A segment along an axis (3x1), or a disc across it, of half length or radius ``size`` (1x1) [m]."""
+    """Crowned term of a segment along an axis, or of a disc perpendicular to it.
+
+    Attributes:
+        size: Half length of the segment or radius of the disc (1x1) [m].
+        axis: Unit vector of the axis (3x1), world axes.
+        is_disc: Whether the term is a disc.
+    """
 
     size: ca.SX
     axis: ca.SX
@@ -76,11 +84,11 @@ class CrownedTerm:
 
     @property
     def is_curved(self) -> bool:
-        """A disc is."""
+        """Whether the term is a disc."""
         return self.is_disc
 
-    def seen(self, n: ca.SX) -> ca.SX:
-        """The part u of a direction (3x1) along the segment's axis, or across the disc's."""
+    def component(self, n: ca.SX) -> ca.SX:
+        """Component u of a direction (3x1) along the segment's axis, or perpendicular to the disc's."""
         along = ca.dot(self.axis, n) * self.axis
         return n - along if self.is_disc else along
 
@@ -114,12 +122,18 @@ class CrownedTerm:
             n: Unit vector, world axes (3x1).
             crown: Crown of flat faces and straight edges (1x1).
         """
-        scaled = self.seen(n)
+        scaled = self.component(n)
         length = ca.sqrt(ca.dot(scaled, scaled) + crown**2)
         return self.size * (scaled + crown**2 * n) / length
 
     def bend(self, n: ca.SX, crown: ca.SX, tangents: ca.SX, memory: ca.SX) -> tuple[ca.SX, tuple[ca.SX, ...]]:
-        """Gradient and Hessian along two tangents, one of the factors u/|u| being that of the memory.
+        """Gradient and approximate Hessian along two tangents.
+
+        With L = sqrt(q), q = n' (P + crown^2 I) n, P = a a' (segment) or I - a a' (disc) and a tangent
+        component t of u = P n, the gradient is ``size t / L`` and the Hessian is
+        ``size / L (P_tt + crown^2 I - t t' / L^2)``. In t t' / L^2, one factor t / L is replaced by that of
+        the memory, symmetrised, which keeps Newton's method convergent where u is small (Chan, Golub and
+        Mulet 1999).
 
         Args:
             n: Unit vector, world axes (3x1).
@@ -132,7 +146,7 @@ class CrownedTerm:
         """
         along, across = ca.dot(self.axis, n), ca.mtimes(tangents, self.axis)
         length = self.length(n, crown)
-        # u along the tangents, now and as it was foreseen, the latter over its length
+        # tangential components of u at n, and of u / L as the step before predicted it
         now, sign = (-along if self.is_disc else along) * across, -1 if self.is_disc else 1
         before = ca.mtimes(tangents, memory) if self.is_disc else memory * across
         entries = []
@@ -143,11 +157,14 @@ class CrownedTerm:
         return self.size / length * now, tuple(entries)
 
     def first_memory(self) -> ca.SX:
-        """No direction: along a segment (1x1), across a disc (3x1)."""
+        """Zero: along a segment's axis (1x1), or in a disc's plane (3x1)."""
         return ca.SX.zeros(3 if self.is_disc else 1)
 
     def next_memory(self, n: ca.SX, crown: ca.SX, step: ca.SX, memory: ca.SX) -> ca.SX:
-        """Predicted u over its length after a step, within the unit ball.
+        """Predicted w = u / L after a step, limited to the unit ball.
+
+        The linearisation of L w = u is ``w+ = (u + du - w dL) / L`` with dL = u.du / L. For a segment, w is a
+        number along the axis. For a disc, u.du = -(a.n)(a.step), since n.step = 0.
 
         Args:
             n: Unit vector, world axes (3x1).
@@ -159,36 +176,36 @@ class CrownedTerm:
         along, further = ca.dot(self.axis, n), ca.dot(self.axis, step)
         if not self.is_disc:
             return clamp((along + further - memory * along * further / length) / length, ca.SX(1))
-        new = (self.seen(n) + self.seen(step) + memory * along * further / length) / length
+        new = (self.component(n) + self.component(step) + memory * along * further / length) / length
         return new / ca.fmax(1, ca.sqrt(ca.dot(new, new) + TINY))
 
     def axes(self) -> Sequence[ca.SX]:
-        """A segment's."""
+        """Axis of a segment; none for a disc."""
         return () if self.is_disc else (self.axis,)
 
     def radial(self, centre: ca.SX) -> Sequence[ca.SX]:
-        """Across a disc's axis."""
-        return (self.seen(centre),) if self.is_disc else ()
+        """Component of the centre in a disc's plane; none for a segment."""
+        return (self.component(centre),) if self.is_disc else ()
 
     def made_of(self) -> ca.SX:
-        """Axis and size."""
+        """Axis and size (4x1)."""
         return ca.vertcat(self.axis, self.size)
 
     def reflected(self) -> CrownedTerm:
-        """Itself: segments and discs are symmetric."""
+        """The term itself: segments and discs are symmetric."""
         return self
 
 
 @dataclass(frozen=True)
 class SmoothTerm:
-    """A support function without kinks, by its law in own axes.
+    """A twice differentiable term, defined by its support function in the shape's axes.
 
     Attributes:
-        law: Support function; its derivatives are CasADi's.
-        rotation: From own to world axes (3x3).
-        measures: Of the shape (n x 1) [m].
-        is_sharp: Whether its curvature changes much within small angles, as that of rounded corners does, so
-            that more and shorter steps are needed.
+        law: Support function, which CasADi differentiates.
+        rotation: Rotation from the shape's to world axes (3x3).
+        measures: Measures of the shape (n x 1) [m].
+        is_sharp: Whether the curvature changes much within small angles, as at rounded corners, so that more
+            and shorter steps are needed.
     """
 
     law: SupportLaw
@@ -199,7 +216,7 @@ class SmoothTerm:
 
     @property
     def own_derivatives(self) -> ca.Function:
-        """Direction and measures to value (1x1), gradient (3x1) and Hessian (3x3) [m], all in own axes."""
+        """Function of direction and measures for value, gradient and Hessian [m], in the shape's axes."""
         return _derivatives(self.law, self.measures.numel())
 
     def derivatives(self, n: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -245,7 +262,7 @@ class SmoothTerm:
         return ca.mtimes(tangents, gradient), (along[0, 0], along[0, 1], along[1, 1])
 
     def first_memory(self) -> ca.SX:
-        """Nothing."""
+        """Empty memory (0x1)."""
         return ca.SX(0, 1)
 
     def next_memory(self, n: ca.SX, crown: ca.SX, step: ca.SX, memory: ca.SX) -> ca.SX:
@@ -259,26 +276,26 @@ class SmoothTerm:
         return memory
 
     def axes(self) -> Sequence[ca.SX]:
-        """Its own axes."""
+        """Axes of the shape's frame."""
         return tuple(self.rotation[:, i] for i in range(3))
 
     def radial(self, centre: ca.SX) -> Sequence[ca.SX]:
-        """None."""
+        """No further first guesses."""
         del centre
         return ()
 
     def made_of(self) -> ca.SX:
-        """Rotation and measures."""
+        """Rotation and measures (9 + n x 1)."""
         return ca.vertcat(ca.vec(self.rotation), self.measures)
 
     def reflected(self) -> SmoothTerm:
-        """Its law with all axes reversed."""
+        """The term with all axes reversed."""
         return dataclasses.replace(self, rotation=-self.rotation)
 
 
 @functools.cache
 def _derivatives(law: SupportLaw, size: int) -> ca.Function:
-    """Value, gradient and Hessian of a law with so many measures."""
+    """Function of value, gradient and Hessian of a law with a number of measures."""
     n, measures = ca.SX.sym("n", 3), ca.SX.sym("measures", size)
     value = law(n, measures)
     hessian, gradient = ca.hessian(value, n)
@@ -291,7 +308,7 @@ class Support:
 
     Attributes:
         ball: Radius of its ball (1x1) [m].
-        terms: What is added to the ball.
+        terms: Terms of the Minkowski sum besides the ball.
     """
 
     ball: ca.SX = ca.SX(0)  # noqa: RUF009 (never changed)

@@ -1,4 +1,4 @@
-"""The paper, side by side: its variants, its figures and ours."""
+"""Comparison with the paper: variants of its scenario, its numbers and those of this toolkit."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from spacerobot.scene import Scene, load_scene
 from spacerobot.simulation.run import simulate
 
 AXES = (("rpr1/tip", "x"), ("rpr1/tip", "y"), ("rpr2/tip", "x"), ("rpr2/tip", "y"))
-"""Columns of the paper's results."""
+"""Tips and axes of the paper's results."""
 
 FIGURE_7_MM = ((-1.18, 1.1), (-1.19, 2.0), (-1.17, 1.5), (-2.0, 1.99))
-"""Tip errors with PID and amnesia controller (Fig. 7), in the order of ``AXES``."""
+"""Minimum and maximum tip errors with PID and amnesia controller (Fig. 7), in the order of ``AXES`` [mm]."""
 
 FIGURE_10_MM = ((-1.1, 1.12), (-0.89, 1.10), (-1.19, 1.12), (-1.8, 1.02))
-"""The same, tuned by the paper's genetic algorithm (Fig. 10)."""
+"""Minimum and maximum tip errors with gains of the paper's genetic algorithm (Fig. 10) [mm]."""
 
 HELD: dict[str, Any] = {
     "robots.*.controllers": {
@@ -29,15 +29,23 @@ HELD: dict[str, Any] = {
     },
     "robots.*.actuators": {"ideal": {"kind": "base_wrench"}},
 }
-"""What holds both bases where they begin: about 3 rad/s, well damped, by ideal wrenches from outside."""
+"""Controllers that hold both bases at their initial poses by ideal external wrenches: about 3 rad/s."""
 
 PID_ONLY_MM = 5.0
-"""Trajectory error with PID alone (section 5); the paper does not say of which tip or axis."""
+"""Trajectory error with PID alone (section 5) [mm]; the paper does not state the tip or axis."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to run the paper's scenario: velocity feedback, controllers, radius, and held bases or not."""
+    """Variant of the paper's scenario.
+
+    Attributes:
+        feedback: Velocity that the PID controllers feed back: ``base`` (relative to the base) or
+            ``inertial``.
+        amnesia: Whether the amnesia controllers act.
+        radius_m: Radius of the tips' reference motion [m].
+        held: Whether controllers hold the bases.
+    """
 
     feedback: str
     amnesia: bool
@@ -46,7 +54,7 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """Name of its result folder."""
+        """Name of the variant and of its result folder."""
         controller = "amnesia" if self.amnesia else "pid"
         return f"{self.feedback}-{controller}-R{self.radius_m:.2f}" + "-held" * self.held
 
@@ -96,7 +104,7 @@ class PaperComparison(Tabular):
     results: Mapping[Variant, Result]
 
     def content(self) -> list[Content]:
-        """Tip errors of the paper and of each variant [mm]."""
+        """Table of the tip errors in the paper and in each variant [mm], and its legend."""
         headings = ("variant", "robot 1 x", "robot 1 y", "robot 2 x", "robot 2 y", "object turns", "note")
         rows = [
             [
@@ -128,15 +136,16 @@ def reproduce_paper(
 ) -> PaperComparison:
     """Simulate every variant of the paper's scenario.
 
-    The variants have PID alone or PID and amnesia controller, both velocity feedbacks, both radii, and bases
-    that float or are held.
+    The variants combine PID alone or PID and amnesia controller, both velocity feedbacks and both radii; two
+    more have held bases.
 
     Args:
-        folder: Folder for the result of each variant, under its name; nothing is written if None.
-        progress: Called with a few words after each variant.
+        folder: Folder for the results, each in a subfolder with the variant's name; nothing is written if
+            None.
+        progress: Callback with a short text after each variant.
 
     Raises:
-        ResultError: If a folder holds something else or cannot be written.
+        ResultError: If a folder has other content or cannot be written.
     """
     tell = progress or (lambda _: None)
     if folder is not None:
@@ -155,19 +164,19 @@ def _span(band: tuple[float, float]) -> str:
 
 
 def is_of_the_paper(result: Result) -> bool:
-    """Whether a result is of the paper's robots, whose figures the paper prints."""
+    """Whether a result is of the paper's scenario and robots, so that the paper's numbers apply."""
     tips = {tip for tip, _ in AXES}
     return result.scenario.name == "paper" and tips <= set(result.summary["tip_error"])
 
 
 def error_bands_mm(summary: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """Least and greatest tip error [mm] in the order of ``AXES``."""
+    """Minimum and maximum tip errors [mm] in the order of ``AXES``."""
     errors = summary["tip_error"]
     return [(errors[tip][axis]["min_m"] * 1e3, errors[tip][axis]["max_m"] * 1e3) for tip, axis in AXES]
 
 
 def note(variant: Variant, summary: Mapping[str, Any]) -> str:
-    """Relation of a variant to the paper, in a few words."""
+    """Comparison of a variant's largest tip error with the paper, in a few words."""
     largest = max(abs(value) for band in error_bands_mm(summary) for value in band)
     if not variant.amnesia:
         times = largest / PID_ONLY_MM

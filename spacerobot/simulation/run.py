@@ -1,4 +1,4 @@
-"""The main job: a scene in, a result out."""
+"""Simulation of a scene."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str], None]
 LARGEST = 1e150
-"""Largest finite magnitude of a state or output that is kept: its square is still a number."""
+"""Maximum magnitude of states and outputs in results: the square still is finite."""
 
 MOST_INSTANTS = 100_000
-"""Maximum number of samples in which peaks are searched; fewer steps are all searched."""
+"""Number of steps up to which peaks are searched at every step."""
 
 STEP_ERROR_LIMIT = 1e-5
-"""Estimated error of a single step, relative to the larger of one unit and the state, that is warned of."""
+"""Estimated error of a single step above which a warning is issued, relative to max(1, |state|)."""
 
 REMEDY = (
     "for a stiff loop take softer gains and dampers; else give `simulation.step`, or a larger "
     "`simulation.tolerance`"
 )
-"""Advice where no step meets the tolerance."""
+"""Advice if no step satisfies the tolerance."""
 
 TOUCH_SHARE = 0.02
-"""Part of the time for which shapes touch that is proposed as the longest step meanwhile."""
+"""Proposed maximum step during a contact, relative to the duration of the contact."""
 
 Backend = Literal["auto", "compiled", "interpreted"]
 
@@ -69,26 +69,25 @@ def simulate(
     progress: Progress | None = None,
     controller: StrPath | OnboardController | None = None,
 ) -> Result:
-    """Simulate a scene by the engine its scenario names.
+    """Simulate a scene with the engine of its scenario.
 
     Args:
-        scene: What to simulate.
+        scene: The scene.
         backend: ``auto``, ``compiled`` or ``interpreted``, for the ``casadi`` engine.
-        progress: Called with a few words whenever something that may take a while begins.
-        controller: Exported flight code that takes the place of the periodic controllers, estimators and
-            detections: a shared library, or a controller behind a link. A library runs with the rights of
+        progress: Callback with a short text, called when a step that may take long begins.
+        controller: Exported flight code that replaces the periodic controllers, estimators and detections: a
+            shared library, or a link to a controller on other hardware. A library runs with the rights of
             this process.
 
     Returns:
-        Result: Also of a rollout that diverged, up to where it went; its summary's status says so.
+        Result: Signals up to the end, or up to the time of divergence, as the summary's ``status`` states.
 
     Raises:
-        CompileError: If a compiled backend was asked for and there is none.
-        DivergedError: If the rollout has no finite sample at all; if the step was to be chosen and none keeps
-            to the tolerance; if a grasp does not close.
-        NoPlanError: If model predictive control finds no first plan.
-        ScenarioError: If the memory does not hold the result; if the engine finds no events but the scenario
-            has some; if controllers with a Python update do not fit the scene.
+        CompileError: If a compiled backend is required and there is no compiler.
+        DivergedError: If no sample is finite, no step satisfies the tolerance, or a grasp does not close.
+        NoPlanError: If model predictive control finds no initial plan.
+        ScenarioError: If the result exceeds the memory, the engine does not support the scenario, or a
+            scheme cannot update its controllers in Python.
     """
     tell = progress or (lambda _: None)
     begin = time.perf_counter()
@@ -111,7 +110,7 @@ def simulate(
             from spacerobot.pinocchio_engine import simulate as check
             from spacerobot.pinocchio_engine.simulate import CHECKING_TOLERANCE, fired_events
 
-            # the independent engine, which takes long enough to say how far it is
+            # the independent engine is slow and reports its progress
             tell(words := "simulating with Pinocchio's own algorithms")
             ready = time.perf_counter()
             local = simulation.tolerance * CHECKING_TOLERANCE
@@ -129,18 +128,21 @@ def simulate(
 def simulate_designs(
     scene: Scene, loop: ClosedLoop, designs: Mapping[str, Mapping[str, float]]
 ) -> Iterator[tuple[str, Result]]:
-    """Simulate a scene at several values of its parameters, by one closed loop and its fixed-step engine.
+    """Simulate a scene at several values of its parameters with one closed loop and the fixed-step engine.
 
-    Each result is what :func:`simulate` gives for the scene with these values.
+    Each result equals that of :func:`simulate` for the scene with these values.
 
     Args:
-        scene, loop: The scene, and a closed loop of it that depends on what the designs change.
-        designs: Parameters that differ from the scene's, by dotted path, for each name.
+        scene, loop: The scene, and a closed loop whose parameters include those of the designs.
+        designs: Changed parameters by dotted path, for each design's name.
+
+    Yields:
+        Name and result of each design.
 
     Raises:
         DivergedError: As :func:`simulate`.
     """
-    ready = prepare_simulation(scene, loop, rollouts=1)  # as each would be simulated alone
+    ready = prepare_simulation(scene, loop, rollouts=1)  # the same backend as in single simulations
     for name, design in designs.items():
         variant = build_scene(scene.scenario, design, source=scene.source)
         yield name, ready.simulate(variant, design)[0]
@@ -148,16 +150,27 @@ def simulate_designs(
 
 @dataclass(frozen=True)
 class PreparedSimulation:
-    """A scene, its closed loop, and what rolls that out at any values of its parameters, by fixed steps."""
+    """A scene with its closed loop and a rollout for any values of its parameters.
+
+    Attributes:
+        scene: The scene.
+        loop: Closed loop of the scene.
+        rollout: Fixed-step rollout of the closed loop.
+    """
 
     scene: Scene
     loop: ClosedLoop
     rollout: Rollout
 
     def simulate(self, scene: Scene, design: Mapping[str, float]) -> tuple[Result, Trajectory]:
-        """Result at other values of parameters, by dotted path, and the trajectory that it was made of.
+        """Simulate at other values of parameters.
 
-        ``scene`` is the one that has these values.
+        Args:
+            scene: Scene with these values.
+            design: Changed parameters by dotted path.
+
+        Returns:
+            tuple: The result, and the trajectory from which it was built.
 
         Raises:
             DivergedError: As :func:`simulate`.
@@ -169,7 +182,7 @@ class PreparedSimulation:
 
 
 class SimulationRequest(TypedDict, total=False):
-    """Keyword arguments of :func:`prepare_simulation`, as of :func:`spacerobot.rollout.build_rollout`."""
+    """Arguments that :func:`prepare_simulation` passes to :func:`spacerobot.rollout.build_rollout`."""
 
     backend: Backend
     rollouts: float | None
@@ -183,16 +196,16 @@ def prepare_simulation(
     progress: Progress | None = None,
     **request: Unpack[SimulationRequest],
 ) -> PreparedSimulation:
-    """Make a closed loop of a scene ready to run.
+    """Prepare the fixed-step rollout of a scene's closed loop.
 
     Args:
-        scene, loop: The scene, and a closed loop of it.
-        measures: What each rollout is reduced to beside its result.
+        scene, loop: The scene, and its closed loop.
+        measures: Integrals, peaks and final values that each rollout evaluates in addition.
         progress: As for :func:`simulate`.
-        **request: As :class:`SimulationRequest` has it.
+        **request: See :class:`SimulationRequest`.
 
     Raises:
-        DivergedError: If the step was to be chosen and none keeps to the tolerance.
+        DivergedError: If the scenario has no step and none satisfies the tolerance.
     """
     return PreparedSimulation(
         scene, loop, _ready(scene, loop, progress or (lambda _: None), measures, **request)
@@ -200,14 +213,19 @@ def prepare_simulation(
 
 
 def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
-    """Result of a run that began, and had its closed loop, at these times."""
-    # up to the last sample that holds nothing but numbers, and none beyond LARGEST
+    """Result of a run up to the last sample whose values are finite and at most LARGEST.
+
+    Args:
+        run, loop: The run, and its closed loop.
+        begin, built: Times at which the simulation began and the closed loop was complete [s].
+    """
     trajectory = run.trajectory
     parts = [trajectory.state, *trajectory.outputs.values()]
     if not all(np.abs(part).max(initial=0.0) <= LARGEST for part in parts):
         values = np.hstack(parts)
         with np.errstate(invalid="ignore"):
             bad = ~(np.abs(values) <= LARGEST)
+        # outputs that are NaN at the start have no value by definition
         nothing = np.isnan(values[0])
         nothing[: trajectory.state.shape[1]] = False
         rows = np.flatnonzero((bad & ~nothing).any(axis=1))
@@ -244,10 +262,16 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
 
 @dataclass(frozen=True)
 class _Run:
-    """Scene with the step that was taken, time at which everything was ready, trajectory, notes on how.
+    """A simulation that has been run.
 
-    Every so many instants of the trajectory are kept; the headline numbers see all of them. ``entries`` are
-    further entries of the summary.
+    Attributes:
+        scene: Scene with the step of the rollout.
+        ready: Time at which the rollout was compiled or loaded [s].
+        trajectory: Trajectory, with more samples than the result.
+        every: Number of samples of the trajectory for each sample of the result. Headline numbers are
+            computed from all samples.
+        notes: Notes on the step and the backend for the summary.
+        entries: Further entries of the summary.
     """
 
     scene: Scene
@@ -259,7 +283,7 @@ class _Run:
 
 
 def _flyable(scene: Scene) -> Scene:
-    """Scene whose controllers are flown as exported code."""
+    """Scene prepared for exported flight code in place of its controllers."""
     from spacerobot.flightcode.flyable import flyable
 
     return flyable(scene)
@@ -268,7 +292,7 @@ def _flyable(scene: Scene) -> Scene:
 def _updated(
     updated: UpdatedScene, loop: ClosedLoop, backend: Backend, tell: Progress, flown: OnboardController | None
 ) -> _Run:
-    """One rollout in pieces, between which Python updates the controllers."""
+    """Run of a simulation whose controllers are updated in Python between segments of the rollout."""
     scene, simulation = updated.original, updated.scene.scenario.simulation
     rollout = _ready(
         updated.scene, resumed(loop), tell, None, updated.period_s, backend=backend, rollouts=updated.pieces
@@ -297,7 +321,7 @@ def _updated(
 def _rolled(
     scene: Scene, rollout: Rollout, design: Mapping[str, float], flown: OnboardController | None = None
 ) -> _Run:
-    """One rollout of the fixed-step engine, seen at every step."""
+    """Run of the fixed-step engine, sampled as by :func:`sampled_steps`."""
     scene, notes = _with_choice(scene, rollout)
     ready = time.perf_counter()
     fine = sampled_steps(rollout.grid)
@@ -312,7 +336,7 @@ def _rolled(
 
 
 def _with_choice(scene: Scene, rollout: Rollout) -> tuple[Scene, dict[str, str]]:
-    """Scene whose scenario has the chosen step, so that it runs again to the same result, and notes on it."""
+    """Scene with the chosen step, which reproduces the result, and notes for the summary."""
     because = {"interpreted_because": rollout.fallback} if rollout.fallback else {}
     notes = {"toolchain": rollout.summary, **because}
     if rollout.choice is not None:
@@ -327,10 +351,10 @@ def _with_choice(scene: Scene, rollout: Rollout) -> tuple[Scene, dict[str, str]]
 
 
 def sampled_steps(grid: TimeGrid) -> TimeGrid:
-    """The same steps with a sample at each, or at as many as there is room for.
+    """Time grid with the same steps and a sample at every step, or at fewer if there are too many steps.
 
     Args:
-        grid: Steps, and samples at which results are kept.
+        grid: Time grid of the result. Its samples are among those of the returned grid.
     """
     fewest = math.ceil(grid.steps / MOST_INSTANTS)
     stride = next(n for n in range(min(fewest, grid.every), grid.every + 1) if grid.every % n == 0)
@@ -338,11 +362,11 @@ def sampled_steps(grid: TimeGrid) -> TimeGrid:
 
 
 def _warned(scene: Scene, rollout: Rollout, trajectory: Trajectory, notes: dict[str, str]) -> Scene:
-    """Scene with a warning of the scenario's step if it is too long; the error is noted."""
+    """Scene with a warning if the scenario's step is too long; the step's error is added to the notes."""
     if rollout.choice is not None:
         return scene
     notes["step_error"] = f"{trajectory.step_error:.1e}"
-    # a rollout that diverged has more to say than that its step is too long
+    # divergence is reported by the status
     if trajectory.status != "completed" or trajectory.step_error <= STEP_ERROR_LIMIT:
         return scene
     message = (
@@ -360,9 +384,13 @@ def _ready(
     duration_s: float | None = None,
     **request: Unpack[SimulationRequest],
 ) -> Rollout:
-    """Compiled or interpreted rollout, its step chosen if the scenario gives none."""
+    """Compiled or interpreted rollout, whose step is chosen if the scenario has none.
+
+    Raises:
+        DivergedError: If no step satisfies the tolerance; the message states probable causes.
+    """
     simulation = scene.scenario.simulation
-    tell("preparing the simulation")  # compiled, found compiled or interpreted
+    tell("preparing the simulation")
     try:
         return build_rollout(
             loop,
@@ -377,9 +405,8 @@ def _ready(
         )
     except NoStepError as fault:
         touching = _touching(scene, loop, fault.finest)
-        # which joint moves fastest in a rollout, in words
+        # probable causes: the fastest joint, and the fastest rate of the linearised loop at the start
         fastest = fast_words(fastest_joint(build_dataset(scene, fault.finest, loop)))
-        # how stiff the loop is where it begins, and by which gains, in words
         cause, rate = "", find_fastest_rate(loop)
         if rate is not None:
             by = f", set by {' and '.join(rate.gains)}" if rate.gains else ""
@@ -389,7 +416,7 @@ def _ready(
 
 
 def _touching(scene: Scene, loop: ClosedLoop, finest: Trajectory) -> Iterator[str]:
-    """Contacts whose touches are too short for the steps that were tried, and what to give them."""
+    """Advice about contacts that are too short for the steps of the finest trial rollout."""
     began, shortest = dict[str, float](), dict[str, float]()
     for fired in finest.events:
         pair, _, kind = loop.events[fired.event].name.rpartition(".")

@@ -1,4 +1,4 @@
-"""A scene as CasADi expressions: its numbers, where it begins, its mechanics."""
+"""Scene as CasADi expressions: parameters, constants, initial state, rigid-body quantities."""
 
 from spacerobot.symbolic.initial_state import InitialState
 from spacerobot.symbolic.noise import NoiseTable

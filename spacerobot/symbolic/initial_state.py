@@ -1,4 +1,4 @@
-"""Where everything begins, as expressions of the parameters."""
+"""Initial state as expressions of the parameters."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from spacerobot.dynamics import Kinematics, frame_placement
 
 @dataclass(frozen=True)
 class InitialState:
-    """The initial state, an expression of the parameters.
+    """Initial state as expressions of the parameters.
 
     Attributes:
+        model: The scene's ``pinocchio.Model``.
         q, v: Configuration (nq x 1) and velocity (nv x 1), Pinocchio's coordinates.
-        kinematics: Of the initial configuration at rest.
+        kinematics: Kinematics of the initial configuration at rest.
     """
 
     model: Any
@@ -25,5 +26,5 @@ class InitialState:
     kinematics: Kinematics
 
     def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3x3) and origin (3x1) [m] of a frame at the start."""
+        """Rotation (3x3) and origin (3x1) [m] of a frame at the start, world axes."""
         return frame_placement(self.model, self.kinematics, frame)

@@ -1,11 +1,12 @@
-"""Random numbers of sensors: drawn before a rollout, by a counter-based generator.
+"""Random numbers of sensor noise, drawn before a rollout by a counter-based generator.
 
 Every number is a function of (seed, draw, sensor, index) alone, by Philox (Salmon and others 2011), so that
-lanes, threads, workers and both engines see the same noise. A rollout reads them through windows of tables
-that no function sees: neither compilation nor setup depends on how many there are.
+lanes, threads, workers and both engines use the same noise. The numbers are not part of c. A rollout copies
+one row at a time into a window of c, so that compilation and setup do not depend on their count.
 
-Below draw 0 all numbers are zero: sensors show what they would without noise, bias and lost samples, while
-filters go on assuming the covariances of the scenario. The model of predictive control is simulated so.
+If the draw is negative, all numbers are zero: sensors have neither noise, bias nor lost samples, while
+filters still assume the covariances of the scenario. The prediction model of model predictive control uses
+this draw.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ import numpy as np
 from spacerobot.common.arrays import Array
 
 DRAW, SEED = "simulation.noise_draw", "simulation.noise_seed"
-"""Numbers of the scenario: which draw, and of which family."""
+"""Paths of the scenario's numbers that select the noise: the draw, and the seed of all draws."""
 
 NOISELESS = -1.0
-"""The draw of zeros."""
+"""Draw whose numbers are zero."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,8 @@ class NoiseTable:
     """Standard normal numbers of one sensor.
 
     Attributes:
-        sensor: Its name, unique in the closed loop.
-        rows, width: Samples, and numbers for each.
+        sensor: Name of the sensor, unique in the closed loop.
+        rows, width: Number of samples, and numbers in each sample.
     """
 
     sensor: str
@@ -39,11 +40,15 @@ class NoiseTable:
 
     @property
     def keys(self) -> tuple[str, str]:
-        """Paths of the parameters that decide them: seed and draw."""
+        """Paths of the parameters that select the numbers: seed and draw."""
         return SEED, DRAW
 
     def drawn(self, seed: float, draw: float) -> Array:
-        """The numbers (rows x width,), row by row, of a draw; whole parts count, below 0 all are zero."""
+        """Numbers (rows * width,) of a draw, row by row; zeros if the draw is negative.
+
+        Args:
+            seed, draw: Seed and draw; their fractions are dropped.
+        """
         if draw < 0:
             return np.zeros(self.rows * self.width)
         key = np.array([int(seed), int(draw)], dtype=np.uint64)

@@ -1,4 +1,4 @@
-"""Numbers of a scenario as symbols, and constants prepared once for each rollout."""
+"""Parameters p of a scenario as symbols, and constants c evaluated once for each rollout."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from spacerobot.symbolic.tables import WindowTable
 
 
 class Parameters:
-    """Symbols of the numbers the closed loop asks for, made when first asked for.
+    """Symbols of the numbers that the closed loop depends on, created at first use.
 
-    A number that is exactly zero may be left out as *structurally* zero (:meth:`sparse`), which is what
-    makes a planar arm cost no more than a planar algorithm; ``vary`` names those to be kept all the same.
+    A number that is exactly zero may be a *structural* zero (:meth:`sparse`), so that a planar arm costs no
+    more than a planar algorithm. Numbers in ``vary`` always have symbols.
 
     Args:
         numbers: Nominal value of each number by its dotted path, in the scenario's units.
-        vary: Paths of numbers to be kept although they are exactly zero.
+        vary: Paths of numbers, or of lists of numbers, that have symbols although they are exactly zero.
     """
 
     def __init__(self, numbers: Mapping[str, float], vary: Collection[str] = ()) -> None:
@@ -35,7 +35,7 @@ class Parameters:
         return self._symbols[path]
 
     def __contains__(self, path: str) -> bool:
-        """Whether there is a number of that path."""
+        """Whether the scenario has a number with this path."""
         return path in self._numbers
 
     def vector(self, path: str, size: int = 3) -> ca.SX:
@@ -43,21 +43,21 @@ class Parameters:
         return ca.vertcat(*(self(f"{path}.{i}") for i in range(size)))
 
     def sparse(self, path: str) -> ca.SX:
-        """Symbol of one number, or a structural zero if it is exactly zero and not to be varied."""
+        """Symbol of one number (1x1); a structural zero if it is exactly zero and not in ``vary``."""
         if self._numbers[path] == 0 and path not in self._vary:
             return ca.SX(1, 1)
         return self(path)
 
     def sparse_vector(self, path: str) -> ca.SX:
-        """Symbols of three numbers, exact zeros structural (3x1)."""
+        """Symbols of three numbers (3x1), with structural zeros as in :meth:`sparse`."""
         return ca.vertcat(*(self.sparse(f"{path}.{i}") for i in range(3)))
 
     def gives(self, path: str) -> bool:
-        """Whether there is such a number."""
+        """Whether the scenario has a number with this path."""
         return path in self._numbers
 
     def varies(self, path: str) -> bool:
-        """Whether a number, or one of a list of numbers, is among those to be varied."""
+        """Whether ``vary`` has a number, or an entry of a list of numbers."""
         return any(varied == path or varied.startswith(f"{path}.") for varied in self._vary)
 
     def value(self, path: str) -> float:
@@ -65,13 +65,13 @@ class Parameters:
         return self._numbers[path]
 
     def nominal(self, expression: ca.SX) -> Array:
-        """Nominal value of an expression of the numbers, of its shape."""
+        """Nominal value of an expression of the numbers, as an array of the expression's shape."""
         value: Array = ca.evalf(ca.substitute(expression, self.symbols, self.values)).full()
         return value
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths asked for so far: the parameter vector's order."""
+        """Paths of the numbers with symbols, in the order of the parameter vector."""
         return tuple(self._symbols)
 
     @property
@@ -86,7 +86,7 @@ class Parameters:
 
 
 class Constants:
-    """Expressions of the parameters that are evaluated once for each rollout instead of at each step."""
+    """Constants c: expressions of the parameters that are evaluated once for each rollout."""
 
     def __init__(self) -> None:
         self._symbols: list[ca.SX] = []
@@ -98,9 +98,9 @@ class Constants:
         self.noise: list[NoiseTable] = []
 
     def jump(self, name: str, time: ca.SX) -> ca.SX:
-        """Symbol (1x1) of a time [s] at which the dynamics jump, to be compared with time and nothing else.
+        """Symbol (1x1) of a time [s] at which the dynamics are discontinuous.
 
-        The same name gives the same symbol.
+        Expressions may only compare the symbol with the time. The same name returns the same symbol.
         """
         if name not in self._jumps:
             self._jumps[name] = len(self._symbols)
@@ -110,13 +110,13 @@ class Constants:
 
     @property
     def jumps(self) -> tuple[int, ...]:
-        """Places of the jumps' times in c."""
+        """Indices of the jump times in c."""
         return tuple(self._jumps.values())
 
     def switch(self, name: str, initial: bool = False) -> ca.SX:
-        """Symbol (1x1) of that name: 1 or 0, as at the start until events turn it.
+        """Symbol (1x1) of a switch, 0 or 1, which has its initial value until an event changes it.
 
-        The same name gives the same symbol.
+        The same name returns the same symbol.
         """
         if name not in self._switches:
             self._switches[name] = len(self._symbols)
@@ -126,27 +126,32 @@ class Constants:
 
     @property
     def switches(self) -> Mapping[str, int]:
-        """Places of the switches in c, by name."""
+        """Indices of the switches in c, by name."""
         return dict(self._switches)
 
     def cursor(self, name: str, row: ca.SX) -> int:
-        """Number of the cursor of that name, whose row (1x1) is an expression of (t, x, c).
+        """Index of a cursor: a row number (1x1) of tables, as an expression of (t, x, c).
 
-        The row may change at jumps and events alone. The same name gives the same cursor.
+        The row may change at jumps and events only. The same name returns the same cursor.
         """
         self._cursors.setdefault(name, row)
         return [*self._cursors].index(name)
 
     @property
     def cursors(self) -> ca.SX:
-        """The row of each cursor (n x 1)."""
+        """Row of each cursor (n x 1)."""
         return ca.vertcat(ca.SX(0, 1), *self._cursors.values())
 
     def window(self, name: str, rows: ca.SX, cursor: int) -> ca.SX:
-        """Symbols (width x 1) of the present row of a table (count x width), expressions of the parameters.
+        """Symbols (width x 1) of the present row of a table.
 
-        A rollout fills them where the row changes, so that a long table costs no more than a short one. The
-        same name gives the same symbols.
+        A rollout copies a row into them whenever the cursor changes, so that a long table costs no more than
+        a short one. The same name returns the same symbols.
+
+        Args:
+            name: Name of the table.
+            rows: Rows as expressions of the parameters (count x width).
+            cursor: Index of the cursor that selects the row, from :meth:`cursor`.
         """
         if name not in self._tables:
             count, width = rows.shape
@@ -160,7 +165,13 @@ class Constants:
         return ca.vertcat(*self._symbols[place.window : place.window + place.width])
 
     def random(self, sensor: str, rows: int, width: int, cursor: int) -> ca.SX:
-        """Symbols (width x 1) of the present row of a sensor's standard normal numbers (rows x width)."""
+        """Symbols (width x 1) of the present row of a sensor's standard normal numbers.
+
+        Args:
+            sensor: Name of the sensor, unique in the closed loop.
+            rows, width: Number of samples, and numbers in each sample.
+            cursor: Index of the cursor that selects the row, from :meth:`cursor`.
+        """
         first = sum(table.rows * table.width for table in self.noise)
         self.noise.append(NoiseTable(sensor, rows, width))
         window = len(self._symbols)
@@ -171,13 +182,13 @@ class Constants:
 
     @property
     def tables(self) -> tuple[WindowTable, ...]:
-        """Where the tables are in c."""
+        """Places of the tables in c."""
         return tuple(self._tables.values())
 
     def hoist(self, name: str, expression: ca.SX) -> ca.SX:
-        """Matrix of symbols that stand for an expression of the parameters.
+        """Matrix of new constants that replaces an expression of the parameters, of the same shape.
 
-        Structural zeros and numbers stay as they are.
+        Structural zeros and numbers are left as they are.
         """
         hoisted = ca.SX(expression.sparsity())
         rows, columns = expression.sparsity().row(), expression.sparsity().get_col()
@@ -193,17 +204,17 @@ class Constants:
         return hoisted
 
     def expanded(self, expression: ca.SX) -> ca.SX:
-        """Expression of the parameters and of constants, as one of the parameters alone."""
+        """Expression with the constants replaced by their expressions of the parameters."""
         if not self._symbols or not ca.depends_on(expression, self.symbols):
             return expression
         return ca.substitute(expression, self.symbols, self.expressions)
 
     @property
     def symbols(self) -> ca.SX:
-        """Constants c as symbols (nc x 1)."""
+        """Symbols of the constants c (nc x 1)."""
         return ca.vertcat(*self._symbols) if self._symbols else ca.SX(0, 1)
 
     @property
     def expressions(self) -> ca.SX:
-        """Constants c as an expression of the parameters (nc x 1)."""
+        """Constants c as expressions of the parameters (nc x 1)."""
         return ca.vertcat(*self._expressions) if self._expressions else ca.SX(0, 1)

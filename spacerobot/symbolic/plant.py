@@ -1,4 +1,4 @@
-"""The plant: symbolic kinematics, inertias and resistance of the whole scene."""
+"""Plant: symbolic kinematics, inertias, joint damping and stiffness of the scene."""
 
 from __future__ import annotations
 
@@ -28,18 +28,23 @@ from spacerobot.symbolic.parameters import Constants
 
 @dataclass(frozen=True)
 class Plant:
-    """Everything mechanical at one (q, v), world axes.
+    """Rigid-body quantities at one configuration and velocity (q, v), world axes.
+
+    *Reduced* loads are those of :mod:`spacerobot.dynamics.articulated`.
 
     Attributes:
         model: The scene's ``pinocchio.Model``.
-        planar: Whether nothing can leave the x-y plane.
+        planar: Whether all motion is in the x-y plane.
         q, v: Symbols of configuration (nq x 1) and velocity (nv x 1).
-        stiffness: Of the springs in flexible links (nv x 1), structurally zero where there is none.
-        damping: Viscous resistance R_j of each velocity component (nv x 1), structurally zero where there is
-            none.
-        ties: Loads, reduced, along which v' is the acceleration of a joint that mimics another one, relative
-            to what it mimics (nv x n); they keep it at zero.
-        spread: Velocities of all joints from those of the free ones (nv x nv), constant.
+        kinematics: Poses, velocities and accelerations of the joints.
+        inertias: Inertias of the bodies.
+        articulated: Articulated-body factorisation.
+        stiffness: Stiffness of flexible links' springs (nv x 1) [N m/rad]; structural zeros elsewhere.
+        damping: Viscous damping of each velocity component (nv x 1) [N m s/rad or N s/m]; structural zeros
+            where there is none.
+        ties: Reduced constraint loads of the n mimic joints (nv x n). They keep the acceleration of each
+            mimic joint, relative to that which follows from the joint that it mimics, at zero.
+        spread: Constant matrix (nv x nv) from the velocities of independent joints to those of all joints.
     """
 
     model: Any
@@ -56,41 +61,41 @@ class Plant:
 
     @property
     def translation_axes(self) -> tuple[int, ...]:
-        """World axes along which things move: x and y in a planar scene."""
+        """World axes of translation: x and y in a planar scene, else all three."""
         return (0, 1) if self.planar else (0, 1, 2)
 
     @property
     def rotation_axes(self) -> tuple[int, ...]:
-        """World axes about which things turn: z in a planar scene."""
+        """World axes of rotation: z in a planar scene, else all three."""
         return (2,) if self.planar else (0, 1, 2)
 
     def placement(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3x3) and origin (3x1) [m] of a frame."""
+        """Rotation (3x3) and origin (3x1) [m] of a frame, world axes."""
         return frame_placement(self.model, self.kinematics, frame)
 
     def velocity(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Linear and angular velocity of a frame's origin (3x1 each) [m/s, rad/s]."""
+        """Linear (origin) and angular velocity of a frame, world axes (3x1 each) [m/s, rad/s]."""
         return frame_velocity(self.model, self.kinematics, frame)
 
     def jacobian(self, frame: int) -> ca.SX:
-        """Jacobian of a frame (6 x nv), linear rows first."""
+        """Jacobian of a frame (6 x nv), world axes, linear rows first."""
         return frame_jacobian(self.model, self.kinematics, frame)
 
     def drift(self, frame: int) -> tuple[ca.SX, ca.SX]:
-        """Linear and angular acceleration of a frame at zero joint acceleration (3x1 each)."""
+        """Linear and angular acceleration of a frame at zero joint acceleration (3x1) [m/s^2, rad/s^2]."""
         return frame_drift(self.model, self.kinematics, frame)
 
     def reduced(self, torque: ca.SX | None = None, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """Generalized forces and wrenches, reduced (nv x n); see :mod:`spacerobot.dynamics.articulated`."""
+        """Reduced loads (nv x n) of generalised forces and wrenches."""
         return self.articulated.reduced(torque, wrenches)
 
     def reduced_moving(self, torque: ca.SX, wrenches: Sequence[Wrench] = ()) -> ca.SX:
-        """The same together with joint resistance, gravity and inertia forces (nv x 1)."""
+        """Reduced loads (nv x 1) including joint damping, springs, gravity and velocity-dependent forces."""
         return self.articulated.reduced(torque - self.passive_forces, wrenches, moving=True)
 
     @property
     def deflection(self) -> ca.SX:
-        """Positions of the joints with springs, at the places of their velocities (nv x 1)."""
+        """Positions of the joints with springs (nv x 1), at the indices of their velocities."""
         positions = ca.SX(self.v.size1(), 1)
         for joint in self.model.joints[1:] if self.stiffness.nnz() else ():
             if self.stiffness[joint.idx_v].nnz():
@@ -99,48 +104,50 @@ class Plant:
 
     @property
     def passive_forces(self) -> ca.SX:
-        """Generalized forces that joints' resistance and springs take (nv x 1)."""
+        """Generalised forces that the motion needs against joint damping and springs (nv x 1)."""
         resistance = self.damping * self.v
         return resistance + self.stiffness * self.deflection if self.stiffness.nnz() else resistance
 
     def resistance(self, acceleration: ca.SX) -> ca.SX:
-        """Loads that an acceleration from rest (nv x 1) takes, reduced (nv x 1)."""
+        """Reduced loads (nv x 1) that an acceleration (nv x 1) from rest requires."""
         return self.articulated.resistance(acceleration)
 
     def inertia_force(self, joints: Iterable[int]) -> tuple[ca.SX, ca.SX]:
-        """Force and torque that bodies take to move as they do at zero joint acceleration, gravity removed.
+        """Force and torque (3x1 each) [N, N m] that a subtree requires at zero joint acceleration.
+
+        Gravity is not included. Axes are the world's, and the torque is about the root joint's origin.
 
         Args:
-            joints: A subtree of joints, its root first; the torque is about the root's origin.
+            joints: Indices of the subtree's joints, the root first.
         """
         return self.articulated.inertia_force(joints)
 
     @property
     def mass_matrix(self) -> ca.SX:
-        """Joint-space inertia (nv x nv)."""
+        """Joint-space inertia matrix H (nv x nv)."""
         return mass_matrix(self.model, self.kinematics, self.inertias)
 
     @property
     def bias(self) -> ca.SX:
-        """Generalized forces of gravity, centrifugal and Coriolis accelerations (nv x 1)."""
+        """Generalised forces of gravity, centrifugal and Coriolis accelerations (nv x 1)."""
         return inverse_dynamics(self.model, self.kinematics, self.inertias, ca.SX(self.v.size1(), 1))
 
     def rate(self, expression: ca.SX) -> ca.SX:
-        """Rate of an expression of the posture alone."""
+        """Time derivative of an expression of the configuration alone."""
         return ca.jtimes(expression, self.q, configuration_derivative(self.model, self.q, self.v))
 
     def at_start(self, expression: ca.SX, start: InitialState, constants: Constants) -> ca.SX:
-        """An expression of (q, v, c) where everything begins, as one of the parameters."""
+        """Value of an expression of (q, v, c) in the initial state, as an expression of the parameters."""
         function = ca.Function("first", [self.q, self.v, constants.symbols], [expression])
         return function(start.q, start.v, constants.expressions)
 
     def gathered(self, effort: ca.SX) -> ca.SX:
-        """Generalized forces (nv x n), those on joints that mimic moved to the joints that they follow."""
+        """Generalised forces (nv x n) with those of mimic joints moved to the joints that they follow."""
         return ca.mtimes(self.spread.T, effort) if self.ties.size2() else effort
 
-    def orientation_error(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
-        """Rotation vector (3x1), world axes, that turns ``found`` into ``wanted`` [rad]."""
-        relative = ca.mtimes(wanted, found.T)
+    def orientation_error(self, desired: ca.SX, actual: ca.SX) -> ca.SX:
+        """Rotation vector (3x1) [rad], world axes, from an actual to a desired orientation (3x3 each)."""
+        relative = ca.mtimes(desired, actual.T)
         if self.planar:
             angle = ca.SX(3, 1)
             angle[2] = ca.atan2(relative[1, 0], relative[0, 0])

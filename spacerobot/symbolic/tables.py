@@ -1,4 +1,4 @@
-"""Tables of numbers of which a rollout sees one row at a time."""
+"""Tables of numbers of which the dynamics use one row at a time."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class WindowTable:
-    """Rows of equal width in c, one after the other, and a window that shows one of them.
+    """Places of a table's rows and of its window, the copy of the present row.
 
     Attributes:
-        cursor: Which of the cursors tells the row.
-        first, window: Where in c the first row and the window begin.
-        width, count: Numbers in a row, and rows.
-        noise: Place of the first row among the random numbers of a rollout; -1 where the rows are in c.
+        cursor: Index of the cursor that selects the row.
+        first, window: Indices in c of the first row and of the window; ``first`` is -1 for noise.
+        width, count: Numbers in a row, and number of rows.
+        noise: Index of the first row among the random numbers of a rollout; -1 if the rows are in c.
     """
 
     cursor: int

@@ -1,4 +1,4 @@
-"""Controllers with a Python update: held values that change between the pieces of a rollout."""
+"""Controllers with a Python update: their held values change between the segments of a rollout."""
 
 from spacerobot.updates.batch import UpdatedRollout as UpdatedRollout
 from spacerobot.updates.plant import Ends as Ends

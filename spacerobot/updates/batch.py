@@ -1,4 +1,4 @@
-"""Many simulations whose controllers are updated in Python: rolled out together between updates."""
+"""Batches of simulations whose controllers are updated in Python, rolled out together between updates."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from spacerobot.updates.scheme import UpdatedScene, run_updates
 
 
 class UpdatedRollout:
-    """A closed loop with controllers updated in Python, ready to run many times.
+    """Rollouts of a closed loop with controllers updated in Python.
 
-    It stands where a :class:`spacerobot.rollout.Rollout` does in batches and campaigns.
+    In batches and campaigns, it replaces a :class:`spacerobot.rollout.Rollout`.
 
     Args:
         updated, loop: The scene with its schemes, and its closed loop.
-        extended: The same loop with states added for the measures.
-        measures: Over the signals of ``extended``.
+        extended: The closed loop extended by states for the measures.
+        measures: Measures of the signals of ``extended``.
         **options: Options of :func:`spacerobot.rollout.build_rollout`.
 
     Raises:
@@ -55,12 +55,12 @@ class UpdatedRollout:
 
     @property
     def kernel(self) -> Any:
-        """Functions that are evaluated between updates."""
+        """Compiled or interpreted functions of the rollout between updates."""
         return self.rollout.kernel
 
     @property
     def summary(self) -> str:
-        """One line that says what runs."""
+        """Backend of the rollout and schemes of the updates, in one line."""
         return "; ".join([self.rollout.summary, *(scheme.summary for scheme in self.updated.schemes)])
 
     def values(self) -> Array:
@@ -75,9 +75,9 @@ class UpdatedRollout:
         outputs: Sequence[str] = (),
         **control: Unpack[Controls],
     ) -> Batch:
-        """Many rollouts; arguments and errors as for :meth:`spacerobot.rollout.Rollout.batch`.
+        """Batch of rollouts; arguments and errors as for :meth:`spacerobot.rollout.Rollout.batch`.
 
-        The measures are joined by the statistics of the schemes.
+        The measures include the statistics of the schemes.
         """
         began = time.perf_counter()
         rows = np.asarray(values, dtype=float).reshape(-1, len(paths))
@@ -109,16 +109,16 @@ class UpdatedRollout:
 
 
 class LanePlant:
-    """N simulations rolled out piece by piece; see :class:`spacerobot.updates.plant.UpdatedPlant`.
+    """N simulations in segments between updates; see :class:`spacerobot.updates.plant.UpdatedPlant`.
 
     Args:
-        updated_rollout: Compiled rollout between updates.
+        updated_rollout: Rollout between updates.
         parameters: Parameters of the closed loop (N, np).
         outputs: Names of outputs to sample.
         control: Threads, progress and interruption of the batch.
 
     Raises:
-        ScenarioError: If samples of outputs are not at the instants of updates.
+        ScenarioError: If an interval between updates is not a multiple of the time between samples.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class LanePlant:
 
     @property
     def unclosed(self) -> tuple[str, ...]:
-        """Grasp that does not close at the start of each simulation; empty where all do."""
+        """Name of a grasp that does not close at the start, for each simulation; empty if all close."""
         return tuple(self._unclosed)
 
     def roll(self, p: Array, start: Array, duration: float) -> Ends:

@@ -1,4 +1,4 @@
-"""Simulations that are rolled out from one update of their controllers to the next."""
+"""Simulations that are rolled out in segments, from one update of their controllers to the next."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ from spacerobot.rollout.time_grid import time_grid
 from spacerobot.scene import Scene
 
 Rows = NDArray[np.int64]
+"""Indices of some of N simulations (n,)."""
+
 Inputs = Mapping[str, Array]
 """Inputs of controllers with a Python update at one instant, by the output's name, each (n,)."""
 
 ROUNDING = 1e-9
 """Relative tolerance of times."""
 SHORT = 1e-11
-"""Duration of a rollout whose outputs stand for those at its start [s]."""
+"""Duration of a rollout that evaluates the outputs at its start [s]."""
 
 
 def input_variables(variables: Sequence[OutputVariable]) -> list[OutputVariable]:
@@ -56,7 +58,7 @@ class UpdatedPlant(Protocol):
         parameters: Parameters of the closed loop (N, np).
         start: Present time [s], state and switches of each simulation (N, 1 + nx + ns).
         inputs: Present inputs of controllers in each simulation; empty at the start.
-        over, ended: Whether a phase of the scenario is over, and whether the simulation is (N,).
+        over, ended: Whether a phase of the scenario has ended, and whether the simulation has (N,).
         variables: Output variables of the closed loop.
     """
 
@@ -72,19 +74,25 @@ class UpdatedPlant(Protocol):
         """The closed loop."""
 
     def roll(self, p: Array, start: Array, duration: float) -> Ends:
-        """Roll out from any start (n, 1 + nx + ns) with parameters (n, np), without a record."""
+        """Roll out for a duration [s] from given starts, without a change of the simulations.
+
+        Args:
+            p: Parameters (n, np).
+            start: Times, states and switches (n, 1 + nx + ns).
+            duration: Duration [s].
+        """
 
     def advance(self, rows: Rows, until: float) -> None:
-        """Roll out some simulations to a time [s]."""
+        """Advance some simulations to a time [s]."""
 
 
 class SinglePlant:
-    """One simulation, with a record of its trajectory; see :class:`UpdatedPlant`.
+    """One simulation that records its trajectory; see :class:`UpdatedPlant`.
 
     Args:
         loop: The closed loop.
         rollout: Rollout of the resumable loop.
-        output_step_s: Longest time between samples [s].
+        output_step_s: Maximum time between samples [s].
     """
 
     def __init__(self, loop: ClosedLoop, rollout: Rollout, output_step_s: float) -> None:
@@ -97,7 +105,7 @@ class SinglePlant:
         self.pieces: list[tuple[float, Trajectory]] = []
 
     def scout(self) -> SinglePlant:
-        """Return the same simulation at its start, to find out what happens."""
+        """New copy of the simulation at its start, for a trial run."""
         return SinglePlant(self.loop, self.rollout, self._sample_s)
 
     def roll(self, p: Array, start: Array, duration: float) -> Ends:
@@ -119,7 +127,7 @@ class SinglePlant:
         self.over[0] |= any(self.loop.events[one.event].kind == "phase" for one in piece.events)
         ends = self._ends(piece, self.start)
         self.start, self.inputs = ends.start, list(ends.inputs)
-        self.start[0, 0] = until  # not the sum of the pieces
+        self.start[0, 0] = until  # exact, without the rounding of summed durations
 
     def _rolled_on(self, until: float) -> Trajectory:
         """Roll out from the present state to a time [s]."""
@@ -142,7 +150,7 @@ class SinglePlant:
 
 
 class CheckedPlant(SinglePlant):
-    """One simulation by the independent engine; predictions are those of the closed loop.
+    """One simulation by the independent engine, with predictions (:meth:`roll`) by the closed loop.
 
     Args:
         loop, rollout: Closed loop and rollout, as in :class:`SinglePlant`.

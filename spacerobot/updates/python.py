@@ -22,12 +22,12 @@ from spacerobot.updates.plant import SHORT, Inputs, Rows, UpdatedPlant
 
 @dataclass(frozen=True)
 class UpdatedController:
-    """A controller with a Python function.
+    """A controller whose update is a Python function.
 
     Attributes:
-        path, key: Dotted path of its section, and the last part of it.
+        path, key: Dotted path of the controller's section, and its last part.
         config: The section.
-        forces: Order of its held forces.
+        forces: Names and order of the held forces.
     """
 
     path: str
@@ -40,7 +40,7 @@ class PythonScheme:
     """Scheme of :class:`PythonController`; see :class:`spacerobot.updates.scheme.UpdateScheme`.
 
     Args:
-        scene: Scene with places for the held forces.
+        scene: Scene whose closed loop has states for the held forces.
         controllers: Its controllers with a Python function.
     """
 
@@ -69,7 +69,7 @@ class PythonScheme:
 
     @property
     def summary(self) -> str:
-        """Names of the kinds."""
+        """Kinds of the controllers and shortest period, in one line."""
         kinds = dict.fromkeys(one.config.kind for one in self.controllers)
         return f"Python updates of {', '.join(kinds)}, every {self.period_s:g} s"
 
@@ -96,12 +96,12 @@ class PythonUpdates:
         count, places = len(plant.start), {path: i for i, path in enumerate(plant.loop.parameter_paths)}
         self.faults: list[SpaceRobotError | None] = [None] * count
         states = {name: 1 + i for i, name in enumerate(plant.loop.state_names)}
-        # places of each controller's held forces among time, state and switches
+        # columns of each controller's held forces in ``start``: time, state, switches
         self._held = [
             [states[f"{one.forces.robot}/{one.key}.held[{i}]"] for i in range(one.forces.size)]
             for one in scheme.controllers
         ]
-        # sections of each controller in each simulation, with the numbers of that simulation
+        # section of each controller in each simulation, with that simulation's parameters
         self._configs: list[list[PythonController]] = []
         for one in scheme.controllers:
             numbers = {
@@ -119,7 +119,7 @@ class PythonUpdates:
             [config.updater(one.forces) for config in configs]
             for one, configs in zip(scheme.controllers, self._configs, strict=True)
         ]
-        # periods (controllers, N) [s], and numbers of the next updates
+        # periods [s] and indices of the next updates (controllers, N)
         self._periods = np.array([[config.period for config in configs] for configs in self._configs])
         self._counts = np.zeros(self._periods.shape)
 
@@ -132,7 +132,7 @@ class PythonUpdates:
         """See :class:`spacerobot.updates.scheme.Updates`.
 
         Raises:
-            SpaceRobotError: If a function fails, or does not return as many forces as the controller holds.
+            SpaceRobotError: If a function raises, or returns a wrong number of forces.
         """
         plant, times = self.plant, self._counts * self._periods
         inputs = [plant.inputs[row] for row in rows]

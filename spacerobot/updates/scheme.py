@@ -1,8 +1,8 @@
-"""Schemes by which controllers are updated in Python, and the loop that runs them.
+"""Schemes that update controllers in Python, and the loop that alternates rollouts and updates.
 
-A controller names its scheme by ``update_scheme``. A scheme prepares the scene, so that the closed loop has
-places for the held values, and starts the updates of N simulations. :func:`run_updates` rolls out each
-simulation from one update to the next. A single simulation is a batch of one.
+A controller names its scheme by ``update_scheme``. A scheme prepares the scene, so that its closed loop has
+states or parameters for the held values, and starts the updates of N simulations. :func:`run_updates` rolls
+out each simulation from one update to the next. A single simulation is a batch of one.
 """
 
 from __future__ import annotations
@@ -24,37 +24,36 @@ Notify = Callable[[str], None]
 
 
 class Updates(Protocol):
-    """Held values of N simulations, updated in Python.
+    """Updates of the held values of N simulations.
 
     Attributes:
         next: Time of the next update of each simulation (N,) [s]; infinite for none.
-        faults: Reason why a simulation cannot be controlled, None for the others.
+        faults: Error of each simulation that cannot be controlled; None for the others.
     """
 
     next: Array
     faults: list[SpaceRobotError | None]
 
     def update(self, rows: Rows) -> None:
-        """Update the held values of some simulations, and the times of their next updates."""
+        """Update the held values of some simulations and the times of their next updates."""
 
     def finish(self) -> None:
-        """Collect statistics when all simulations are over."""
+        """Collect statistics when all simulations have ended."""
 
     def summary(self) -> Mapping[str, Any]:
-        """Entries of the first simulation's summary."""
+        """Entries for the summary of the first simulation."""
 
     def measures(self) -> Mapping[str, Array]:
-        """Statistics of all simulations by name (N, 1), as the scheme's ``measures`` lists them."""
+        """Statistics of all simulations by name (N, 1); the scheme's ``measures`` has their units."""
 
 
 class UpdateScheme(Protocol):
-    """Scheme by which some controllers of a scene are updated.
+    """Scheme that updates some controllers of a scene in Python.
 
     Attributes:
-        scene: Scene with places for the held values.
+        scene: Scene whose closed loop has states or parameters for the held values.
         duration_s, period_s: Duration of the simulation, and time between two updates [s].
-        intervals: Times [s] that samples of outputs must divide, each with the words that name it in
-            messages.
+        intervals: Times [s] that must be multiples of the time between samples, by their names in messages.
         measures: Units of the statistics of each simulation, by name.
     """
 
@@ -66,32 +65,37 @@ class UpdateScheme(Protocol):
 
     @classmethod
     def of(cls, scene: Scene, vary: Collection[str] = ()) -> Self:
-        """Prepare a scene; ``vary`` are dotted paths of numbers that will be changed."""
+        """Prepare a scene.
+
+        Args:
+            scene: The scene.
+            vary: Dotted paths of numbers that will vary between simulations.
+        """
 
     @property
     def summary(self) -> str:
-        """Short description for logs."""
+        """Description of the scheme in one line."""
 
     def check_batch(self) -> None:
-        """Refuse scenes that can be simulated one at a time only.
+        """Check that several simulations of the scene can run in a batch.
 
         Raises:
-            ScenarioError: If the scene is such a one.
+            ScenarioError: If they must run one at a time.
         """
 
     def start(self, plant: UpdatedPlant, workers: int, backend: str, notify: Notify) -> Updates:
-        """Start updating the controllers of simulations.
+        """Start the updates of simulations.
 
         Args:
             plant: The simulations.
-            workers: Number of processes that may be used.
+            workers: Maximum number of worker processes.
             backend: ``auto``, ``compiled`` or ``interpreted``.
             notify: Callback for progress.
         """
 
 
 def update_schemes(scene: Scene) -> list[str]:
-    """Return the schemes that the controllers of a scene name, each once."""
+    """Names of the update schemes of a scene's controllers, each once: ``module:class``."""
     controllers = [one for robot in scene.scenario.robots.values() for one in robot.controllers.values()]
     return list(dict.fromkeys(one.update_scheme for one in controllers if one.update_scheme))
 
@@ -101,8 +105,8 @@ class UpdatedScene:
     """A scene with controllers that are updated in Python.
 
     Attributes:
-        original: The scene itself.
-        schemes: Schemes of its controllers; the scene of each has the held values of those before it as well.
+        original: The scene before its preparation.
+        schemes: Schemes of its controllers. Each scheme prepares the scene of the one before it.
     """
 
     original: Scene
@@ -114,7 +118,7 @@ class UpdatedScene:
 
         Args:
             scene: The scene.
-            vary: Dotted paths of numbers that will be changed.
+            vary: Dotted paths of numbers that will vary between simulations.
 
         Raises:
             ScenarioError: If a scheme cannot control the scene.
@@ -128,7 +132,7 @@ class UpdatedScene:
 
     @property
     def scene(self) -> Scene:
-        """Scene with places for all held values."""
+        """Scene whose closed loop has states or parameters for all held values."""
         return self.schemes[-1].scene
 
     @property
@@ -143,7 +147,7 @@ class UpdatedScene:
 
     @property
     def pieces(self) -> int:
-        """Estimated number of rollouts of one period in one simulation."""
+        """Estimated number of rollouts of one simulation, each of one period."""
         return 2 * math.ceil(self.duration_s / self.period_s)
 
     @property
@@ -153,7 +157,7 @@ class UpdatedScene:
 
 
 def run_updates(plant: UpdatedPlant, updates: Sequence[Updates], duration_s: float) -> None:
-    """Simulate to the end, with controllers updated on the way.
+    """Roll out simulations to their ends, and update their controllers in between.
 
     Args:
         plant: The simulations.

@@ -38,7 +38,7 @@ def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> 
         call: Evaluates one of their functions, by name, for columns.
     """
     count = inputs.shape[1]
-    parts = np.split(inputs, np.cumsum([one.given.numel() for one in implicit])[:-1]) if implicit else []
+    parts = np.split(inputs, np.cumsum([one.arguments.numel() for one in implicit])[:-1]) if implicit else []
     values: list[Array] = [np.empty((0, count))] * len(implicit)
     for name in {one.function.name(): None for one in implicit if one.function is not None}:
         matching = [
@@ -89,7 +89,7 @@ def row_values(rows: Sequence[BoundedRow], at: ca.SX, columns: Array) -> Array:
     """Values of constraints (rows, N) at values of a symbol (n x 1), one for each column (n, N)."""
     implicit, size = implicit_in(rows), columns.shape[1]
     symbols = symbols_of(implicit)
-    inputs = ca.Function("given", [at], [ca.vertcat(ca.SX(0, 1), *(one.given for one in implicit))])
+    inputs = ca.Function("given", [at], [ca.vertcat(ca.SX(0, 1), *(one.arguments for one in implicit))])
     functions = functions_of(implicit)
 
     def call(name: str, *arguments: Array) -> Array:

@@ -139,7 +139,7 @@ def _instants(
                 f"{prefix}values", _inputs(z, symbols, constant), expression
             )
         if iterated:
-            inputs = ca.vertcat(*(one.given for one in iterated))
+            inputs = ca.vertcat(*(one.arguments for one in iterated))
             functions[f"{prefix}given"] = _function(f"{prefix}given", _inputs(z, None, constant), inputs)
             functions |= functions_of(iterated)
     call, used = _caller(functions, backend)

@@ -15,7 +15,7 @@ from spacerobot.samplers.sampler import Sampler, SamplingPlan
 
 @registered
 class Grid(Sampler):
-    """Every combination of levels; the ends of a distribution belong to it where it has ends."""
+    """Every combination of levels; those of a bounded distribution include its bounds."""
 
     name: ClassVar[str] = "grid"
     place: ClassVar[float] = 4
@@ -27,11 +27,11 @@ class Grid(Sampler):
     has_any_size: ClassVar[bool] = False
 
     def count(self, plan: SamplingPlan) -> int:
-        """Product of the levels."""
+        """Product of the numbers of levels."""
         return math.prod(p.levels or plan.levels for p in plan.parameters.values())
 
     def points(self, plan: SamplingPlan) -> Array:
-        """The last parameter varies fastest."""
+        """Points of the grid (N, k); the last parameter varies fastest."""
         axes = []
         for parameter in plan.parameters.values():
             count = parameter.levels or plan.levels

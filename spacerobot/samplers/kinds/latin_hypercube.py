@@ -20,7 +20,7 @@ class LatinHypercube(Sampler):
     summary: ClassVar[str] = "stratified in each parameter"
 
     def points(self, plan: SamplingPlan) -> Array:
-        """Points of SciPy's Latin hypercube."""
+        """Points of SciPy's Latin hypercube (N, k)."""
         from scipy.stats import qmc
 
         rng = np.random.default_rng(plan.seed)

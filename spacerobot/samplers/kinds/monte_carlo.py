@@ -20,5 +20,5 @@ class MonteCarlo(Sampler):
     summary: ClassVar[str] = "independent"
 
     def points(self, plan: SamplingPlan) -> Array:
-        """Uniform random numbers."""
+        """Uniform random numbers (N, k)."""
         return np.asarray(np.random.default_rng(plan.seed).random((plan.samples, len(plan.parameters))))

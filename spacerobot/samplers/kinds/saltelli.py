@@ -1,4 +1,4 @@
-"""Saltelli's design, from whose order Sobol' indices follow; by SALib."""
+"""Saltelli's design for Sobol' indices, by SALib."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spacerobot.samplers.sampler import Sampler, SamplingPlan
 
 @registered
 class Saltelli(Sampler):
-    """Saltelli's design, from whose order Sobol' indices follow; by SALib."""
+    """Saltelli's design for Sobol' indices, by SALib."""
 
     name: ClassVar[str] = "saltelli"
     place: ClassVar[float] = 5
@@ -25,16 +25,16 @@ class Saltelli(Sampler):
     has_any_size: ClassVar[bool] = False
 
     def count(self, plan: SamplingPlan) -> int:
-        """Each sample of the base is worth parameters + 2."""
+        """Number of points N (k + 2), with N base samples and k parameters."""
         return plan.samples * (len(plan.parameters) + 2)
 
     def check(self, plan: SamplingPlan) -> None:
-        """Refuse a base sample that is no power of two."""
+        """Check that the number of base samples is a power of two."""
         if plan.samples & (plan.samples - 1):
             raise ValueError(f"samples: a power of two for the design saltelli, found {plan.samples}")
 
     def points(self, plan: SamplingPlan) -> Array:
-        """Points of SALib's Saltelli design."""
+        """Points of SALib's Saltelli design (N (k + 2), k)."""
         names = list(plan.parameters)
         problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
         sample = optional_module("SALib.sample.sobol", "sobol", f"the design {self.name}").sample

@@ -21,11 +21,11 @@ class Sobol(Sampler):
     summary: ClassVar[str] = "scrambled"
 
     def points(self, plan: SamplingPlan) -> Array:
-        """Points of SciPy's Sobol sequence."""
+        """Points of SciPy's scrambled Sobol sequence (N, k)."""
         from scipy.stats import qmc
 
         rng = np.random.default_rng(plan.seed)
         with warnings.catch_warnings():
-            # a number that is no power of two is the user's choice
+            # SciPy warns where N is not a power of two; the user chose that number
             warnings.simplefilter("ignore", UserWarning)
             return np.asarray(qmc.Sobol(len(plan.parameters), rng=rng).random(plan.samples))
