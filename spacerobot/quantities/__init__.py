@@ -1,4 +1,4 @@
-"""Quantities of a motion, one file for each group; tuning, campaigns, plans, pages and reports use them."""
+"""Quantities of a motion, one file for each group, for tuning, campaigns, plans, pages and reports."""
 
 from spacerobot.quantities.quantity import (
     AddedStates,

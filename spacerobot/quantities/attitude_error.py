@@ -1,4 +1,4 @@
-"""Attitude errors of bases that a controller holds."""
+"""Attitude errors of bases with attitude control."""
 
 from __future__ import annotations
 

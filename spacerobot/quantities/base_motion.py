@@ -1,4 +1,4 @@
-"""Displacements of bases, what drives them, and what arms put on them."""
+"""Displacements of bases, forces and torques on bases, and reactions of arms on bases."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NO_TORQUE = "there are no torques on bases: give `limits.base_torque`, or actuat
 
 
 def wrenches(source: SignalSource, of: str) -> Columns:
-    """Forces [N] and torques [N m] of two signals."""
+    """Forces [N] and torques [N m] of each robot, from the signals ``<of>_force`` and ``<of>_torque``."""
     forces, torques = source.signal(f"{of}_force"), source.signal(f"{of}_torque")
     columns = dict[str, ca.SX]()
     for robot in forces:

@@ -1,4 +1,4 @@
-"""Captures: when grasps that begin open closed, and by how much they missed."""
+"""Captures of grasps that begin open: times, distances, touchdown speeds and lateral misses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NO_CAPTURE = "no grasp of this scene begins open"
 
 
 def of_open_grasps(context: Context, signal: str) -> Columns:
-    """Columns of a signal of the grasps that begin open."""
+    """Columns of a signal for the grasps that begin open."""
     begins_open = {grasp.name for grasp in context.scene.grasps if grasp.config.begins == "open"}
     return {label: column for label, column in context.signal(signal).items() if label in begins_open}
 
@@ -38,7 +38,7 @@ def touchdown_speeds(context: Context) -> Columns:
 
 
 def lateral_misses(context: Context) -> Columns:
-    """Distance of the tip from the mating frame's axis at the capture of each grasp [m]."""
+    """Distance of tip and mating frame's axis at each capture [m]; the whole gap if it was missed."""
     signals = ("grasp_captured_at", "grasp_gap", "grasp_capture_gap")
     times, gaps, at_capture = (of_open_grasps(context, signal) for signal in signals)
     grasps, misses = {grasp.name: grasp for grasp in context.scene.grasps}, dict[str, ca.SX]()

@@ -1,4 +1,4 @@
-"""Deflections of flexible links, and coordinates of their modes."""
+"""Deflections, modal coordinates and vibration energy of flexible links."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ SMALLEST = 1e-12  # m; keeps the size smooth where it is zero
 
 
 def of_ends(source: SignalSource) -> Columns:
-    """Deflection of the ends of beams [m]."""
+    """Deflections of the ends of all beams [m]."""
     lengths = sizes(source.signal("deflection"), SMALLEST)
     return {"total": ca.vertcat(*lengths.values())} if lengths else {}
 
 
 def of_modes(source: SignalSource) -> Columns:
-    """Size of the coordinates of modes [kg^(1/2) m]."""
+    """Absolute values of all modal coordinates [kg^(1/2) m]."""
     coordinates = source.signal("modal_coordinate").values()
     return {"total": ca.fabs(ca.vertcat(*coordinates))} if coordinates else {}
 

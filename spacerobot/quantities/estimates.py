@@ -1,4 +1,4 @@
-"""Errors of filters, and how they agree with the covariances that the filters state."""
+"""Estimation errors of filters, and their consistency with the filters' covariances."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NO_TARGET = "no robot of this scene has an estimator of kind target_filter"
 
 
 def length(output: str, factor: float = 1.0) -> Callable[[SignalSource], Columns]:
-    """Size of a vector of each robot that has it, times a factor."""
+    """Function for the norm of an output of each robot that has it, times a factor."""
     return lambda source: sizes(source.signal(output), SMALLEST, factor)
 
 
@@ -28,7 +28,7 @@ def _final(
     absent: str,
     **further: Any,
 ) -> Quantity:
-    """Quantity at the end of a rollout, kept where it is named."""
+    """Quantity whose final value is a metric only if a campaign names it."""
     label, description = texts
     return Quantity(
         name=name,

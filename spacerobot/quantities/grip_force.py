@@ -1,4 +1,4 @@
-"""Forces and torques in grasps, forces of contacts."""
+"""Forces and torques of grasps, and forces of contacts."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ NO_GRASP = "this scene has no grasp that holds"
 
 
 def forces(source: SignalSource) -> Columns:
-    """Size of the force in each grasp [N]."""
+    """Magnitude of the force in each grasp [N]."""
     return sizes(source.signal("grasp_force"), SMALLEST)
 
 
 def torques(source: SignalSource) -> Columns:
-    """Size of the torque in each grasp, at its tip [N m]; exactly zero where there is none."""
+    """Magnitude of the torque in each grasp about its tip [N m]; exactly zero without torque."""
     lengths = sizes(source.signal("grasp_torque"), SMALLEST)
     return {label: size - SMALLEST for label, size in lengths.items()}
 
 
 def contact_forces(source: SignalSource) -> Columns:
-    """Size of the force of each contact [N], exactly zero where there is none."""
+    """Magnitude of the force of each contact [N]; exactly zero without contact."""
     lengths = sizes(source.signal("contact_force"), SMALLEST)
     return {label: size - SMALLEST for label, size in lengths.items()}
 

@@ -1,4 +1,4 @@
-"""Impacts at captures: impulses, and the energy that events dissipate."""
+"""Impulses and speeds of impacts at captures, and the energy that events dissipate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ SMALLEST = 1e-12  # N s; keeps the size smooth where there is no impulse
 
 
 def impulses(context: Context) -> Columns:
-    """Size of the sum of all impacts' impulses on the target in each rigid grasp that begins open [N s]."""
+    """Magnitude of the total impulse on the target in each rigid grasp that begins open [N s]."""
     rigid = {grasp.name for grasp in context.scene.grasps if grasp.config.is_rigid}
     impulse_by_grasp = of_open_grasps(context, "grasp_impulse")
     return sizes({label: impulse for label, impulse in impulse_by_grasp.items() if label in rigid}, SMALLEST)

@@ -1,4 +1,4 @@
-"""Jitter of tips: the part of their error above a corner frequency."""
+"""Jitter of tips: their error after a first-order high-pass filter."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ NO_TIP = "no robot of this scene has a tip"
 
 
 def low_passes(scene: MeasuredScene, frequency_hz: float) -> AddedStates:
-    """Low passes of first order of the tips' errors, which begin at zero.
+    """States of first-order low-pass filters of the tip errors, initially zero.
 
-    With s' = 2 pi f (e - s) the error less its low pass, e - s, is e behind a high pass with the corner
-    frequency f.
+    With s' = 2 pi f (e - s), the difference e - s is the error e after a first-order high-pass filter with
+    the corner frequency f, since 1 - w/(p + w) = p/(p + w) in the Laplace variable p, with w = 2 pi f.
     """
     names = tuple(f"{PREFIX}{tip.label}[{axis}]" for tip in scene.tips for axis in "xyz")
 
@@ -28,7 +28,7 @@ def low_passes(scene: MeasuredScene, frequency_hz: float) -> AddedStates:
 
 
 def fast_errors(context: Context) -> Columns:
-    """Error of each tip after its high pass [m]."""
+    """Error of each tip after the high-pass filter (3x1) [m]."""
     names = context.loop.state_names
     return {
         label: error - context.signals.x[[names.index(f"{PREFIX}{label}[{axis}]") for axis in "xyz"]]

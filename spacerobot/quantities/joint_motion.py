@@ -10,7 +10,12 @@ NO_JOINT = "no robot of this scene has a joint"
 
 
 def joint_unit(revolute: str, prismatic: str) -> Callable[[MeasuredScene], str]:
-    """Unit of the scene's joints: of one kind, or of both."""
+    """Function of a scene for the unit of its joints' quantity.
+
+    Args:
+        revolute, prismatic: Units for revolute and for prismatic joints; both, joined by ``or``, if the scene
+            has both kinds.
+    """
 
     def unit(scene: MeasuredScene) -> str:
         kinds = {

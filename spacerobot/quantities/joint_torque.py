@@ -11,7 +11,7 @@ torque_unit = joint_unit("N m", "N")
 
 
 def by_robot(source: SignalSource) -> Columns:
-    """Absolute torques [N m] or forces [N] of the joints of each robot."""
+    """Absolute values of the joint torques [N m] or forces [N] of each robot (n,)."""
     torques_by_robot = dict[str, list[ca.SX]]()
     for label, torque in source.signal("joint_torque").items():
         torques_by_robot.setdefault(label.partition("/")[0], []).append(torque)

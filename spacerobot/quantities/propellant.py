@@ -1,4 +1,4 @@
-"""Propellant that thrusters spend."""
+"""Propellant consumption of thrusters."""
 
 from __future__ import annotations
 

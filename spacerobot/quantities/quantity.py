@@ -1,8 +1,8 @@
-"""A quantity of a motion: its expression, its reduction over time, its unit and its name for people.
+"""Quantity of a motion: its expression, reduction over time, unit and label.
 
-A quantity is defined once, in a file of this package or in a plugin, and is available everywhere: as an
-objective or a constraint of tuning, as a metric and a limit of campaigns, as a cost of plans, in the studio
-and in reports. Its expression is one of signals, which a rollout provides and an instant of a plan too.
+A quantity is defined once, in a file of this package or in a plugin. It is available as an objective or
+constraint of tuning, as a metric or limit of campaigns, as a cost or limit of plans, in the studio and in
+reports. Its expression depends on signals, which both a rollout and an instant of a plan provide.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ if TYPE_CHECKING:
 Reducer = Literal["integral", "peak", "lowest", "final", "rms", "magnitude", "final_length"]
 Total = Literal["largest", "sum", "norm"]
 Columns = Mapping[str, ca.SX]
-"""Columns of a signal by label: of each joint, tip, body or grasp."""
+"""Columns of a signal by label, such as the name of a joint, tip, body or grasp."""
 Expression = Any
-"""A CasADi expression or a NumPy array: reductions are written once for both."""
+"""CasADi expression or NumPy array, to which the same reductions apply."""
 BODIES = {
     "base_rotation": ("body_rotation", False),
     "base_position": ("body_position", False),
     "target_rotation": ("body_rotation", True),
 }
-"""Signals that are an output's entries of bodies, and whether of the target or of the others."""
+"""Signals that are parts of an output of bodies: the output, and whether the part is the target's."""
 
 
 class MeasuredScene(Protocol):
-    """The part of a :class:`spacerobot.scene.Scene` that quantities read.
+    """Properties of a :class:`spacerobot.scene.Scene` that quantities use.
 
-    Scenes are built from scenarios, whose sections name quantities: a protocol keeps the imports one-way.
+    Scenes are built from scenarios, whose sections name quantities. A protocol avoids the cyclic import.
     """
 
     @property
@@ -50,7 +50,7 @@ class MeasuredScene(Protocol):
 
     @property
     def scenario(self) -> Any:
-        """Scenario that the scene was built from."""
+        """Scenario from which the scene was built."""
 
     @property
     def bodies(self) -> Sequence[Any]:
@@ -77,24 +77,24 @@ class MeasuredScene(Protocol):
         """World axes along which bodies can move."""
 
     def error(self, message: str, where: str | None = None) -> SpaceRobotError:
-        """Error of the scenario's file, to be raised."""
+        """Error that names the scenario's file, to be raised."""
 
 
 class SignalSource(Protocol):
-    """A rollout or an instant of a plan: the signals that quantities are expressions of."""
+    """Source of signals: a rollout, or an instant of a plan."""
 
     def signal(self, name: str) -> Columns:
-        """Columns of a signal by label; none where the scene has nothing that it describes."""
+        """Columns of a signal by label; empty if the signal does not apply to the scene."""
 
 
 @dataclass(frozen=True)
 class Context:
-    """A rollout as quantities see it: a :class:`SignalSource`.
+    """Signals of a rollout; see :class:`SignalSource`.
 
     Attributes:
         scene: The scene.
-        loop: Its closed loop, with the states that quantities added.
-        signals: Symbols of its time, state and outputs.
+        loop: Closed loop of the scene, with the states added for quantities.
+        signals: Symbols of the rollout's time, state and outputs.
     """
 
     scene: MeasuredScene
@@ -102,7 +102,7 @@ class Context:
     signals: Signals
 
     def signal(self, name: str) -> Columns:
-        """Columns of an output by label; also rates of joints, and displacements of bases since the start."""
+        """Columns of a signal by label: of an output, ``joint_rate`` or ``base_translation``."""
         if name == "joint_rate":
             model, rates = self.scene.model, self.signals.x[self.loop.nq :]
             joints = sorted(joint for body in self.scene.robots for joint in body.driven_joints)
@@ -116,9 +116,10 @@ class Context:
         return {label: self.signals[output][rows] for label, rows in labels.items()}
 
     def rows(self, name: str) -> tuple[str, Mapping[str, list[int]]]:
-        """Output that a signal is part of, and its entries by label; none where there is no such output.
+        """Output that contains a signal, and indices of the signal's entries by label.
 
-        Left out are bodies whose elements do not declare the output: they have no number in its place.
+        The mapping is empty if the loop has no such output. Bodies whose elements do not define the output,
+        whose entries are NaN, are left out.
         """
         output, of_target = BODIES.get(name, (name, None))
         by_name = {variable.name: variable for variable in self.loop.variables}.get(output)
@@ -142,7 +143,7 @@ class Context:
 
     @cached_property
     def _values(self) -> Mapping[str, ca.SX]:
-        """Expressions of the outputs."""
+        """Expressions of the outputs by name."""
         function = self.loop.outputs
         return self._outputs(*(ca.SX.sym(n, function.sparsity_in(n)) for n in function.name_in()))
 
@@ -154,12 +155,12 @@ class Context:
 
 @dataclass(frozen=True)
 class Components:
-    """The expression that is reduced, one entry for each label.
+    """Expression of a quantity before its reduction over time.
 
     Attributes:
-        labels: What each entry belongs to: a tip, a joint, a robot, a grasp, ``total``; none where the scene
-            has nothing that the quantity describes. Entries of the same label count as one: the largest.
-        values: Expression (n,); of ``rms`` and ``final_length`` the squares.
+        labels: Label of each entry: a tip, joint, robot, grasp or ``total``; empty if the quantity does not
+            apply to the scene. Of entries with the same label, the largest counts.
+        values: Entries (n,); squares for ``rms`` and ``final_length``.
     """
 
     labels: tuple[str, ...]
@@ -168,11 +169,11 @@ class Components:
 
 @dataclass(frozen=True)
 class AddedStates:
-    """States that a quantity needs in addition to the closed loop's.
+    """States that a quantity adds to the closed loop; their initial values are zero.
 
     Attributes:
-        names: Of the states (n).
-        rates: Function of (symbols of the closed loop, the states (n,)) that returns their rates (n,).
+        names: Names of the states (n).
+        rates: Function of the closed loop's symbols and the states (n,) for the states' rates (n,).
     """
 
     names: tuple[str, ...]
@@ -183,14 +184,16 @@ class AddedStates:
 class PlanBound:
     """A key of ``plan.limits`` that bounds a quantity at all times of a plan.
 
-    Bounded are the length of each column of a root, and each entry of other quantities. Bounds on joint
-    rates, joint torques and forces and torques on bases are bounds on the plan's unknowns.
+    The bound applies to the norm of each column of an ``rms`` quantity, and to each entry of other
+    quantities. Bounds on joint rates, joint torques, and forces and torques on bases are bounds on the plan's
+    variables.
 
     Attributes:
-        key, unit, description: Name, unit and text of the limit in scenarios. Degrees bound radians.
-        allowed: Range of the limit, as options of :func:`pydantic.Field`.
-        joints: Kinds of joints that it bounds.
-        is_relative: Whether violations between the mesh's points are relative to the limit.
+        key, unit, description: Name, unit and description of the limit in scenarios. A limit in degrees
+            bounds a quantity in radians.
+        allowed: Range of the limit, as arguments of :func:`pydantic.Field`.
+        joints: Kinds of joints to which the bound applies.
+        is_relative: Whether the tolerated violation between collocation points is relative to the limit.
     """
 
     key: str
@@ -203,33 +206,36 @@ class PlanBound:
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """A number, or one number per tip, robot or grasp, of each motion; the smaller the better.
+    """A quantity of a motion, with one component or one for each tip, robot or grasp; smaller is better.
 
     Attributes:
-        name: In scenarios, files and tables.
-        label, description: For people: a short name, and one phrase on what it is.
-        unit: Of each component after reduction.
-        reducer: ``integral`` over time, ``peak`` (largest) or ``lowest`` value, ``final`` value, ``rms`` or
-            ``final_length`` of columns, or integral of their entries' ``magnitude``.
-        expression: Columns by label, as a function of a :class:`SignalSource`, or the name of the signal that
-            they are.
-        total: How components become one number: the ``largest``, their ``sum`` or their ``norm``.
-        limit: Key under which ``campaign.limits`` bounds it, and ``tuning.constraints`` as ``max_`` and this
-            key; it cannot be bounded if None.
-        weight: Key under which ``tuning.objective`` weighs the sum of its components, or of their squares
-            where it is a root; it is no part of objectives if None.
-        cost: Key under which ``plan.costs`` weighs the same; it is no cost of plans if None.
-        bounds: Keys under which ``plan.limits`` bounds it; an ``rms`` or a ``peak`` may have some.
-        relative_to_start: Whether it is measured from where bases are at the start.
-        is_metric: Whether rollouts have its signals, so that campaigns and the studio may keep it.
-        is_default: Whether campaigns keep it if their section names no metrics.
-        absent: Why a scene may have nothing that it describes.
+        name: Name in scenarios, files and tables.
+        label, description: Short name and description for displays.
+        unit: Unit of each component after the reduction.
+        reducer: Reduction over time: ``integral``, ``peak`` (largest value), ``lowest`` or ``final`` value;
+            ``rms`` or ``final_length`` (norm) of columns; ``magnitude``, the integral of the sum of absolute
+            values of a column.
+        expression: Function of a :class:`SignalSource` for columns by label, or the name of a signal.
+        total: Combination of components to one number: the ``largest``, their ``sum`` or their ``norm``.
+        limit: Key of the quantity's limit in ``campaign.limits``, and with the prefix ``max_`` in
+            ``tuning.constraints``; None for a quantity that cannot be limited there.
+        weight: Key of the quantity's weight in ``tuning.objective``, which multiplies the sum of the
+            components, or of their squares for ``rms`` and ``final_length``; None for a quantity without a
+            weight.
+        cost: Key of the quantity's weight in ``plan.costs``, which multiplies the same sum; None for a
+            quantity that is not a cost of plans.
+        bounds: Limits in ``plan.limits``; only ``rms`` and ``peak`` quantities may have them.
+        relative_to_start: Whether the quantity is relative to the initial poses of bases.
+        is_metric: Whether rollouts provide its signals, so that it may be a metric of campaigns and the
+            studio.
+        is_default: Whether it is a metric of campaigns whose section names no metrics.
+        absent: Message if the quantity does not apply to a scene.
         symbol: Letter that marks a failure by this quantity in a campaign's map.
-        states: Function of (scene, corner frequency [Hz]) that returns the states it needs; none if None.
-        scene_unit: Unit where it depends on the scene.
-        exists: Columns by label whose final values are negative where a rollout has no value, as the time of
-            a capture that was missed. Tables hold NaN there; objectives need a number and take the
-            expression's.
+        states: Function of scene and corner frequency [Hz] for the states that the quantity needs, or None.
+        scene_unit: Function of a scene for the unit, or None if the unit does not depend on the scene.
+        exists: Function for columns by label whose final values are negative if a rollout has no value, such
+            as the time of a missed capture. Tables then have NaN, while objectives use the expression's
+            value.
     """
 
     name: str
@@ -265,63 +271,63 @@ class Quantity:
 
     @property
     def is_root(self) -> bool:
-        """Whether it is the root of squares, which objectives and plans weigh in its place."""
+        """Whether the quantity is a root of squares; objectives and plans weigh the squares."""
         return self.reducer in ("rms", "final_length")
 
     @property
     def weighed_unit(self) -> str:
-        """Unit of what a weight multiplies."""
+        """Unit of the number that a weight multiplies."""
         if not self.is_root:
             return self.unit
         square = f"({self.unit})^2" if set(self.unit) & set(" /^") else f"{self.unit}^2"
         return f"{square} s" if self.reducer == "rms" else square
 
     def weight_unit(self, of: str = "1") -> str:
-        """Unit of a weight in what has a unit itself, as an objective."""
+        """Unit of a weight in a sum with the unit ``of``."""
         unit = self.weighed_unit
         return of if unit == "1" else f"{of}/({unit})" if set(unit) & set(" /") else f"{of}/{unit}"
 
     def unit_in(self, scene: MeasuredScene) -> str:
-        """Unit in a scene."""
+        """Unit of the quantity in a scene."""
         return self.unit if self.scene_unit is None else self.scene_unit(scene)
 
     def columns(self, source: SignalSource) -> Columns:
-        """Columns by label; none where the scene has nothing that the quantity describes."""
+        """Columns by label; empty if the quantity does not apply to the scene."""
         return source.signal(self.expression) if isinstance(self.expression, str) else self.expression(source)
 
     def components(self, source: SignalSource) -> Components:
-        """The expression that is reduced, of a rollout or an instant of a plan."""
+        """Expression before the reduction over time, from the signals of a rollout or of a plan's instant."""
         return self.entries(self.columns(source))
 
     def entries(self, columns: Columns) -> Components:
-        """The expression that is reduced: squared lengths or magnitudes of columns, or their entries."""
+        """Expression before the reduction: squared norms, sums of absolute values, or entries of columns."""
         size = ca.sumsqr if self.is_root else ca.norm_1 if self.reducer == "magnitude" else ca.SX
         parts = {label: size(column) for label, column in columns.items()}
         labels = tuple(label for label, part in parts.items() for _ in range(part.numel()))
         return Components(labels, ca.vertcat(ca.SX(0, 1), *parts.values()))
 
     def weighed(self, measured: Expression) -> Expression:
-        """Values that are weighed, from what the rollout's measure gives for the components.
+        """Values that a weight multiplies, from a rollout's measure of the components.
 
         Args:
-            measured: Integral, peak or final values, any shape; of ``lowest`` the peak of the negated
+            measured: Integral, peak or final values, of any shape; for ``lowest``, the peak of the negated
                 expression.
         """
         return -measured if self.reducer == "lowest" else measured
 
     def reduced(self, measured: Expression, duration_s: float) -> Expression:
-        """Values of the components, from what the rollout's measure gives for them.
+        """Values of the components, from a rollout's measure of them.
 
         Args:
             measured: As for :meth:`weighed`.
-            duration_s: Of the rollout.
+            duration_s: Duration of the rollout [s].
         """
         if self.is_root:
             return (measured / (duration_s if self.reducer == "rms" else 1.0)) ** 0.5
         return self.weighed(measured)
 
     def combined(self, values: ca.SX) -> ca.SX:
-        """One number of all components' values (n,)."""
+        """Combination of all components' values (n,) to one number (1x1), as :attr:`total` states."""
         if values.numel() == 1:
             return values
         if self.total == "norm":
@@ -333,11 +339,11 @@ _REGISTERED: dict[str, Quantity] = {}
 
 
 def register_quantity(quantity: Quantity) -> Quantity:
-    """Add a quantity; a plugin calls it as the files of this package do.
+    """Register a quantity of a plugin and return it.
 
     Raises:
-        SpaceRobotError: If another quantity has its name or one of its keys, or it has bounds and is no
-            ``rms`` or ``peak``.
+        SpaceRobotError: If another quantity has its name or one of its keys, or if it has bounds but is not
+            an ``rms`` or ``peak`` quantity.
     """
     _load()
     return _add(quantity)
@@ -361,7 +367,7 @@ def _add(quantity: Quantity) -> Quantity:
 
 
 def source_of(quantity: Quantity) -> object:
-    """Expression as data: a plugin that is run again registers the same one under the same name."""
+    """Code of a quantity's expression, by which a plugin that is loaded twice is recognised."""
     return quantity.expression if isinstance(quantity.expression, str) else quantity.expression.__code__
 
 
@@ -377,7 +383,7 @@ ORDER = (
     "propellant",
     "jitter",
 )
-"""Modules whose quantities tables show first, in this order; those of other modules follow by name."""
+"""Modules whose quantities are listed first, in this order; other modules follow by name."""
 
 
 def _load() -> None:
@@ -392,46 +398,46 @@ def _load() -> None:
 
 
 def quantities() -> Mapping[str, Quantity]:
-    """Every quantity by name: those that ship first."""
+    """All quantities by name, the shipped ones first."""
     _load()
     return MappingProxyType(_REGISTERED)
 
 
 def metrics() -> Mapping[str, Quantity]:
-    """Quantities that campaigns and the studio may keep, by name."""
+    """Quantities that may be metrics of campaigns and the studio, by name."""
     return MappingProxyType({name: each for name, each in quantities().items() if each.is_metric})
 
 
 def default_metrics() -> tuple[str, ...]:
-    """Names of the metrics that are kept where none are named, those that do not fit the scene left out."""
+    """Names of the default metrics; a scene uses those that apply to it."""
     return tuple(name for name, each in metrics().items() if each.is_default)
 
 
 def limited() -> dict[str, Quantity]:
-    """Quantities that can be bounded, by the key of their limit."""
+    """Quantities with a limit in campaigns and tuning, by the key of the limit."""
     return {each.limit: each for each in quantities().values() if each.limit is not None}
 
 
 def weighted() -> dict[str, Quantity]:
-    """Quantities that an objective can weigh, by the key of their weight."""
+    """Quantities with a weight in objectives, by the key of the weight."""
     return {each.weight: each for each in quantities().values() if each.weight is not None}
 
 
 def planned() -> dict[str, Quantity]:
-    """Quantities that are costs of plans, by their keys."""
+    """Quantities that are costs of plans, by the key of the cost."""
     return {each.cost: each for each in quantities().values() if each.cost is not None}
 
 
 def bounded() -> dict[str, tuple[PlanBound, Quantity]]:
-    """Bounds of plans, each with its quantity, by their keys."""
+    """Limits of plans with their quantities, by key."""
     return {bound.key: (bound, each) for each in quantities().values() for bound in each.bounds}
 
 
 def find_quantity(name: str) -> Quantity:
-    """The quantity of a name.
+    """Find a quantity by its name.
 
     Raises:
-        SpaceRobotError: If there is none; with the near names.
+        SpaceRobotError: If there is no such quantity; the message has similar names.
     """
     registered_quantities = quantities()
     if name not in registered_quantities:
@@ -440,5 +446,5 @@ def find_quantity(name: str) -> Quantity:
 
 
 def sizes(columns: Columns, smallest: float = 0.0, factor: float = 1.0) -> Columns:
-    """Lengths of columns, smooth at zero where ``smallest`` is above it, times a factor."""
+    """Norms of columns times a factor, differentiable at zero if ``smallest`` is positive."""
     return {label: factor * ca.sqrt(ca.sumsqr(column) + smallest**2) for label, column in columns.items()}

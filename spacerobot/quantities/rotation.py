@@ -1,4 +1,4 @@
-"""Rotations of the object and of the bases since the start."""
+"""Rotations of the target and of the bases since the start."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ NO_TARGET = "this scene has no target"
 
 
 def of_target(source: SignalSource) -> Columns:
-    """Rotation of the object [deg]."""
+    """Rotation of the target since the start [deg]."""
     return sizes(source.signal("target_rotation"), SMALLEST, 180 / np.pi)
 
 
 def of_bases(source: SignalSource) -> Columns:
-    """Rotation of each robot's base [deg]."""
+    """Rotation of each robot's base since the start [deg]."""
     return sizes(source.signal("base_rotation"), SMALLEST, 180 / np.pi)
 
 

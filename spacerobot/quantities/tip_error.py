@@ -1,4 +1,4 @@
-"""Errors of tips: reference minus position."""
+"""Tip errors: reference minus position."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from spacerobot.quantities.quantity import Columns, Context, Quantity
 
 
 def along_axes(context: Context) -> Columns:
-    """Absolute error of each tip along each axis that it can move along [m]."""
+    """Absolute error of each tip along each world axis of translation [m]."""
     errors, axes = context.signal("tip_error"), context.scene.translation_axes
     return {f"{tip} {'xyz'[k]}": ca.fabs(error[k]) for tip, error in errors.items() for k in axes}
 

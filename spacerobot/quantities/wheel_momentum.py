@@ -9,7 +9,7 @@ NO_WHEELS = "no robot of this scene has wheels, an actuator of kind reaction_whe
 
 
 def stored(source: SignalSource) -> Columns:
-    """Size of the momentum of all wheels of each base together [N m s]."""
+    """Magnitude of the total momentum of the wheels of each base [N m s]."""
     return sizes(source.signal("wheel_momentum"), SMALLEST)
 
 

@@ -1,4 +1,4 @@
-"""Results: labelled data, metrics, ledger, and their folders on disk."""
+"""Results of simulations: labelled data, metrics, conservation ledger, folders."""
 
 from spacerobot.common.lazy_names import lazy_names
 

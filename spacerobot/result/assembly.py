@@ -1,4 +1,4 @@
-"""Result of a trajectory that another program stepped."""
+"""Result of a trajectory that another program has simulated step by step."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from spacerobot.scene import Scene
 
 
 def build_result(scene: Scene, loop: ClosedLoop, trajectory: Trajectory) -> Result:
-    """Result with data, events and summary; its timing holds the rollout alone.
+    """Result of a trajectory; its timing contains only the rollout.
 
     Args:
-        scene: Scene with the numbers of the trajectory.
-        loop: Its closed loop, with the same numbers as parameters.
-        trajectory: The rollout.
+        scene: Scene with the parameters of the trajectory.
+        loop: Closed loop with the same parameters.
+        trajectory: Trajectory of the rollout.
     """
     data, wall = build_dataset(scene, trajectory, loop), trajectory.wall_s
     timing = {"closed_loop": 0.0, "compile_or_load": 0.0, "rollout": wall, "total": wall}

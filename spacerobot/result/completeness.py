@@ -1,4 +1,4 @@
-"""Whether a result's folder holds every variable, number and name that its readers use."""
+"""Checks that a result's folder has every variable, number and name that its readers use."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 """Variables and coordinates that every result has, with their dimensions."""
 
 STATE = ("time", "q", "v", "body_position", "body_orientation")
-"""Variables that pages and figures draw; a rollout that diverges ends before they are not finite."""
+"""Variables that pages and figures draw and that must be finite; a diverged rollout is cut before that."""
 
 Number = (int, float)
 Maybe = (int, float, type(None))
@@ -62,7 +62,7 @@ def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
     for work in map(str, data):
         if work.startswith("work_") and "sign" not in data[work].attrs:
             return f"{work}: no attribute 'sign'"
-    # where a dataset and a scenario speak of different things
+    # labels of the dataset must agree with the names in the scenario
     target = ["target"] if scenario.target else []
     expected = {
         "tip": [f"{robot}/{tip}" for robot, config in scenario.robots.items() for tip in config.tips],
@@ -80,7 +80,7 @@ def missing_data(data: xr.Dataset, scenario: Scenario) -> str | None:
 
 def missing_summary(summary: Mapping[str, Any], data: xr.Dataset) -> str | None:
     """First missing item of a summary, in words; None if it is complete."""
-    # keys of a summary with the types of what they hold
+    # keys of a summary with the types of their values
     bodies = [str(body) for body in data.body.values]
     span = dict.fromkeys(("min_m", "max_m", "rms_m", "final_m"), Number)
     contact = {"force_n": Number, "contact": Name, "time_s": Maybe}
@@ -141,7 +141,7 @@ _ENERGY = dict.fromkeys(
 
 
 def _missing(expected: Any, actual: Any, path: str) -> str | None:
-    """First place at which something else is found than wanted."""
+    """First missing key or value of a wrong type, in words; None if there is none."""
     if not isinstance(expected, dict):
         right = isinstance(actual, expected) and not (isinstance(actual, bool) and expected is not bool)
         return None if right else f"{path}: found {str(actual)[:40]!r}, which it cannot be"

@@ -1,9 +1,10 @@
 """Labelled data of a trajectory.
 
-Every variable carries ``units`` and ``long_name``. Dimensions: ``time`` [s], ``tip`` (``rpr1/tip``),
-``body`` (robots, then ``target``), ``joint`` (``rpr1/joint_1``, those of arms; ``joint_kind`` beside it:
-units of a prismatic one are m, m/s and N), ``grasp``, ``contact`` and others where there are any (``wheel``),
-``axis`` (x, y, z of the world), ``quaternion`` (x, y, z, w), and the components of the state.
+Every variable has the attributes ``units`` and ``long_name``. Dimensions: ``time`` [s], ``tip``
+(``rpr1/tip``), ``body`` (robots, then ``target``), ``joint`` (arm joints, ``rpr1/joint_1``), ``grasp``,
+``contact``, ``wheel`` and others if there are any, ``axis`` (x, y, z of the world), ``quaternion`` (x, y, z,
+w), and the components of the state. The coordinate ``joint_kind`` gives the kind of each joint: the units of
+prismatic joints are m, m/s and N.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
     Args:
         scene: The scene.
         trajectory: States and outputs over time.
-        loop: What says which variables there are.
+        loop: Closed loop, which lists the output variables.
     """
     nq, nv, names = scene.model.nq, scene.model.nv, loop.state_names
     q, v, z = np.split(trajectory.state, [nq, nq + nv], axis=1)
@@ -119,7 +120,7 @@ def _joint_labels(scene: Scene) -> list[str]:
 
 
 def _joint_kinds(scene: Scene) -> list[str]:
-    """Revolute, continuous or prismatic, in the order of the labels."""
+    """Kinds of the arm joints (revolute, continuous or prismatic) in the order of the labels."""
     kinds = {
         f"{body.name}/{joint.name}": str(joint.kind)
         for body in scene.bodies
@@ -129,5 +130,5 @@ def _joint_kinds(scene: Scene) -> list[str]:
 
 
 def _unit(scene: Scene, unit: str) -> str:
-    """Unit of a variable of joints: ``rad or m`` is that of both kinds, and ``rad`` where none slides."""
+    """Unit of a joint variable: ``rad or m`` in a scene with prismatic joints, else ``rad``."""
     return unit if "prismatic" in _joint_kinds(scene) else unit.partition(" or ")[0]

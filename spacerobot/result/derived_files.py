@@ -1,4 +1,4 @@
-"""Pages, figures and recordings in a result's folder: they go when another result takes its place."""
+"""Record of the pages, figures and recordings in a result's folder, which are removed with the result."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from pathlib import Path
 from spacerobot.common.files import StrPath, locked, write_text
 
 DERIVED = "derived.json"
-"""File that lists what was made from a result and lies in its folder, by path, with the sha256 of each."""
+"""File in a result's folder that lists the paths and SHA-256 hashes of files made from the result."""
 
 
 def note_derived(folders: Iterable[StrPath | None], paths: Iterable[StrPath]) -> None:
-    """Record which files were made from results.
+    """Record files that were made from results.
 
     Args:
-        folders: Folders of the results; None for a result that was not saved, which has nothing to record.
-        paths: Files; those outside of a result's folder are not recorded for it.
+        folders: Folders of the results; None for a result that is not saved.
+        paths: Files. Only files inside a result's folder are recorded.
 
     Raises:
         ResultError: If the list cannot be written.
@@ -35,7 +35,7 @@ def note_derived(folders: Iterable[StrPath | None], paths: Iterable[StrPath]) ->
 
 
 def remove_derived(folder: Path) -> None:
-    """Remove what was made from a folder's result; files changed since are somebody's own and stay.
+    """Remove the recorded files of a result's folder, except files that were changed since.
 
     Raises:
         OSError: If a file cannot be removed.
@@ -43,19 +43,19 @@ def remove_derived(folder: Path) -> None:
     home = folder.resolve()
     for name, sha256 in _read(folder).items():
         path = (folder / name).resolve()
-        if path != home / name or not path.is_relative_to(home):  # the list is no reason to reach elsewhere
+        if path != home / name or not path.is_relative_to(home):  # never remove files outside the folder
             continue
         if not path.is_file() or _sha256(path) != sha256:
             continue
         path.unlink()
         if path.parent != home:
             with contextlib.suppress(OSError):
-                path.parent.rmdir()  # only where nothing else is left in it
+                path.parent.rmdir()  # fails unless the folder is empty
     (folder / DERIVED).unlink(missing_ok=True)
 
 
 def _read(folder: Path) -> dict[str, str]:
-    """Hashes of the listed files by name; empty where the list is missing or damaged."""
+    """Hashes of the recorded files by name; empty if the record is missing or damaged."""
     try:
         document = json.loads((folder / DERIVED).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""Events of a rollout: what happened when and to what, what it took, and how it came out."""
+"""Events of a rollout with times, impulses and energy losses, and the outcome of a docking."""
 
 from __future__ import annotations
 
@@ -15,32 +15,43 @@ from spacerobot.rollout import FiredEvent
 from spacerobot.scene import Scene, SceneGrasp
 
 INNER = ("reference", "eased", "settling", "moving", "control", "cut", "measured", "clipped", "unclipped")
-"""Kinds of events that are not told: a motion's time has come, a body moves slowly while a phase waits, a
-decision on pulses, the end of one, a sensor measures, a motor comes to its torque limit and leaves it,
-the spring of a transmission whose teeth have parted has relaxed."""
+"""Kinds of internal events, which results do not list, for example the start of a reference motion, a body
+that settles or moves while a phase waits, the start and end of thruster pulses, sensor measurements, and a
+motor that reaches or leaves its torque limit."""
 
 
 AT_ONCE = 1e-9
-"""A grasp that is released so soon after its capture [s] was never held."""
+"""Time between capture and release up to which a grasp counts as released at once [s]."""
 
 
-def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent]) -> list[dict[str, Any]]:
-    """Events as they stand in a summary, in their order.
+def build_events(scene: Scene, loop: ClosedLoop, fired_events: Sequence[FiredEvent]) -> list[dict[str, Any]]:
+    """Events for a summary, in their order.
 
-    Each has ``time_s``, ``kind``, ``who``, ``name``; of a grasp, the tip's velocity and spin relative to the
-    target just before (``relative_velocity_m_s``, ``relative_spin_rad_s``, world axes), of a contact the
-    velocity of its second shape relative to the first; where they are not zero, the ``impulses_n_s`` on the
-    target and the ``energy_lost_j``, of a contact that parts since it touched; where a failure is detected,
-    ``delay_s`` since it; and ``momentum_change``, of everything across it, in parts of the largest momentum
-    of a body.
+    Args:
+        scene, loop: The scene, and its closed loop.
+        fired_events: Events of the rollout.
+
+    Returns:
+        list of dict: Each event has ``time_s``, ``kind``, ``who``, ``name`` and ``momentum_change``, the
+            change of the total momentum across it, relative to the largest momentum of a body. Further keys
+            depend on the event:
+
+            * ``relative_velocity_m_s`` just before the event, world axes: for a grasp that of the tip
+                relative
+              to the target, for a contact that of the second shape relative to the first;
+            * ``relative_spin_rad_s``: for a grasp the angular velocity of the tip relative to the target;
+            * ``impulses_n_s``: non-zero impulses on the target by grasp; when a contact ends, the impulse on
+              its second shape since it began;
+            * ``energy_lost_j``: energy dissipated in the event, or in a contact since it began;
+            * ``delay_s``: for a detection the time since the failure.
     """
-    if not happened:
+    if not fired_events:
         return []
     c = loop.setup(loop.parameter_values)[1].full().ravel()
     jumps, grasps = {place: c[place] for place in loop.jumps}, {grasp.name: grasp for grasp in scene.grasps}
     contacts, touched = [contact.name for contact in scene.contacts], dict[str, Mapping[str, Array]]()
     records = list[dict[str, Any]]()
-    for one in happened:
+    for one in fired_events:
         rule = loop.events[one.event]
         for place, when in jumps.items():
             c[place] = np.inf if one.time_s < when else -np.inf
@@ -56,7 +67,7 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
             velocity, spin = relative_velocity(scene, grasps[rule.who], one.before)
             record |= {"relative_velocity_m_s": velocity.tolist(), "relative_spin_rad_s": spin.tolist()}
         if rule.who in contacts:
-            # relative velocity at a contact; as it parts, impulse on the second and loss since it touched
+            # contact_impulse and contact_loss are integrals: their differences belong to this contact alone
             place = contacts.index(rule.who)
             record["relative_velocity_m_s"] = before["contact_velocity"].reshape(-1, 3)[place].tolist()
             pair, _, kind = rule.name.rpartition(".")
@@ -70,7 +81,7 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
         if rule.kind == "detected":
             failed = [e["time_s"] for e in records if e["kind"] == "failed" and e["who"] == rule.who]
             record |= {"delay_s": one.time_s - failed[-1]} if failed else {}
-        # impulses of grasps and energy that an event took, where they are not zero
+        # impulses of grasps and energy lost in the event, if not zero
         fields: dict[str, Any] = {}
         if "grasp_impulse" in after:
             change = np.nan_to_num(after["grasp_impulse"] - before["grasp_impulse"]).reshape(-1, 3)
@@ -81,19 +92,26 @@ def build_events(scene: Scene, loop: ClosedLoop, happened: Sequence[FiredEvent])
         if "work_event" in after:
             lost = float(after["work_event"][0] - before["work_event"][0])
             fields |= {"energy_lost_j": lost} if lost else {}
-        # greatest change of the whole's momentum, in parts of the largest of a body; 0 where nothing moves
+        # change of the total momentum relative to the largest momentum of a body; 0 if nothing moves
         parts = []
         for kind in ("linear", "angular"):
             partial = np.concatenate([before[f"body_momentum_{kind}"], after[f"body_momentum_{kind}"]])
             largest = float(np.linalg.norm(partial.reshape(-1, 3), axis=1).max())
-            moved = float(np.linalg.norm(after[f"momentum_{kind}"] - before[f"momentum_{kind}"]))
-            parts.append(moved / largest if largest else 0.0)
+            jump = float(np.linalg.norm(after[f"momentum_{kind}"] - before[f"momentum_{kind}"]))
+            parts.append(jump / largest if largest else 0.0)
         records.append(record | fields | {"momentum_change": max(parts)})
     return records
 
 
 def relative_velocity(scene: Scene, grasp: SceneGrasp, x: Array) -> tuple[Array, Array]:
-    """Velocity [m/s] and spin [rad/s] of a tip relative to the target at the tip's point, world axes (3,)."""
+    """Velocity [m/s] and angular velocity [rad/s] of a tip relative to the target, world axes (3,).
+
+    The target's velocity is that of its material point at the tip.
+
+    Args:
+        scene, grasp: The scene, and the grasp with tip and mating frame.
+        x: State (nx,).
+    """
     model, data = scene.model, scene.model.createData()
     pin.forwardKinematics(model, data, x[: model.nq], x[model.nq : model.nq + model.nv])
     pin.updateFramePlacements(model, data)
@@ -111,11 +129,11 @@ def _outputs(loop: ClosedLoop, time: float, x: Array, c: Array) -> dict[str, Arr
 
 
 def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:
-    """Outcome of a docking; None where no grasp begins open.
+    """Outcome of a docking; None if no grasp begins open.
 
-    ``captured`` if every such grasp was; ``broke away`` if one was, and not captured again; ``released at
-    once`` if one was let go at the instant of its capture; ``collided`` if one was not captured and something
-    touched; else ``missed``.
+    The outcome is ``broke away`` if a captured grasp broke away and was not captured again, ``released at
+    once`` if a grasp was released at the time of its capture, ``captured`` if all grasps that begin open were
+    captured, ``collided`` if one was not captured and a contact occurred, and ``missed`` otherwise.
     """
     begins_open = [grasp.name for grasp in scene.grasps if grasp.config.begins == "open"]
     if not begins_open:
@@ -142,7 +160,7 @@ def outcome_of(scene: Scene, events: Sequence[Mapping[str, Any]]) -> str | None:
 
 
 def event_rows(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Events as rows of texts: time, what, relative speed, impulse, energy lost."""
+    """Events as rows of texts in the columns of :data:`HEADINGS`."""
     rows: list[tuple[str, ...]] = []
     for event in events:
         impulses = event.get("impulses_n_s", {}).values()
@@ -161,14 +179,14 @@ def event_rows(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
 
 
 def event_table(events: Sequence[Mapping[str, Any]], title: str | None = None) -> Table:
-    """Table of events; a column that is empty for all of them is left out."""
+    """Table of events; columns without entries are left out."""
     rows = event_rows(events)
     filled = [k for k in range(len(HEADINGS)) if any(row[k] for row in rows)]
     return Table(title, [HEADINGS[k] for k in filled], [[row[k] for k in filled] for row in rows])
 
 
 def what_happened(event: Mapping[str, Any]) -> str:
-    """An event in words, ``left captured``."""
+    """Event in words, such as ``left captured``."""
     return f"{event['who']} {WORDS.get(event['kind'], event['kind'])}"
 
 
@@ -182,6 +200,6 @@ WORDS = {
     "phase": "begins",
     "end": "ends the simulation",
 }
-"""How events are called where that is not their kind."""
+"""Words for kinds of events; other kinds stand for themselves."""
 HEADINGS = ("time [s]", "event", "relative speed [mm/s]", "impulse [N s]", "energy lost [J]")
-"""What the rows of :func:`event_rows` hold."""
+"""Headings of the columns of :func:`event_rows`."""

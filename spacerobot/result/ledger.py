@@ -1,4 +1,4 @@
-"""The ledger: what must not change, and by how much it did."""
+"""Conservation ledger: drift of momentum and residual of the energy balance."""
 
 from __future__ import annotations
 
@@ -11,21 +11,29 @@ from spacerobot.result.trust import KINDS
 from spacerobot.scenario import Scenario
 
 SMALLEST = 1e-9
-"""Where nothing moves, drift and residual are compared with this much [N s, N m s, J] instead of rounding."""
+"""Minimum scale of relative drift and residual [N s, N m s, J], for scenes in which nothing moves."""
 INNER_PART = 1e-3
-"""Bodies whose momentum stays below this part of what moves inside them are measured by that."""
+"""Minimum scale of relative momentum drift, relative to the momentum that internal motion could have."""
 
 
 def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     """Momentum drift and energy balance of a result.
 
-    Momentum is of robots and target together, about the world's origin, less the impulse that elements give
-    from outside; its drift is compared with the largest of a single body, or of its wheels, or, where bodies
-    have hardly any (a robot that holds nothing), with a part of what moves inside them. Where a fixed base
-    or gravity acts it is not conserved, and said so. The energy balance compares what the balance leaves
-    open with the largest energy in it.
+    The conserved momentum is that of robots and target together, about the world's origin, minus the impulse
+    of external wrenches. Its drift is relative to the largest momentum of a single body or of its wheels. If
+    bodies have hardly any momentum, such as a robot that holds nothing, the drift is relative to a fraction
+    of the momentum that their internal motion could have. With a fixed base or uniform gravity, momentum is
+    not conserved, and the ledger states the reason. The energy residual is relative to the largest energy in
+    the balance.
+
+    Args:
+        data: Dataset of the result.
+        scenario: Scenario of the result.
+
+    Returns:
+        dict: Ledger, as in :class:`spacerobot.result.summary_types.Ledger`.
     """
-    # energy put in = change of kinetic, spring and potential energy + energy taken
+    # balance: change of kinetic, spring and potential energy = sum of signed works
     stored = data.energy_kinetic.values + data.energy_spring.values + data.energy_potential.values
     change = stored - stored[0]
     works = works_of(data)
@@ -46,14 +54,14 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     if not data.attrs["outside"]:
         bodies = [*scenario.robots.values(), *([scenario.target] if scenario.target else [])]
         momentum = {"conserved": True}
-        # momentum [N s, N m s] that the kinetic energy could carry at most: no part moves with more
+        # bound of the momentum of any part: |p|^2 <= 2 m T by the inequality of Cauchy and Schwarz
         mass = sum(link.mass or 0.0 for body in bodies for link in body.links.values())
         linear = float(np.sqrt(2 * mass * data.energy_kinetic.values.max()))
         extent = float(np.linalg.norm(data.body_position.values, axis=-1).max())
         inner = {"linear": linear, "angular": linear * extent}
         for kind, unit in KINDS:
             total, partial = data[f"momentum_{kind}"].values, data[f"body_momentum_{kind}"].values
-            conserved = kept_momentum(data, kind).values
+            conserved = conserved_momentum(data, kind).values
             drift = float(np.linalg.norm(conserved - conserved[0], axis=-1).max())
             largest = max(float(np.linalg.norm(partial, axis=-1).max()), INNER_PART * inner[kind])
             if kind == "angular" and "wheel_momentum" in data:
@@ -67,17 +75,17 @@ def build_ledger(data: xr.Dataset, scenario: Scenario) -> dict[str, Any]:
     return {"momentum": momentum, "energy": energy}
 
 
-def kept_momentum(data: xr.Dataset, kind: str) -> xr.DataArray:
-    """Momentum ``linear`` or ``angular`` of everything less the impulse from outside, which is constant."""
+def conserved_momentum(data: xr.Dataset, kind: str) -> xr.DataArray:
+    """Total ``linear`` or ``angular`` momentum minus the impulse of external wrenches, which is constant."""
     total, impulse = data[f"momentum_{kind}"], f"impulse_{kind}"
     return total - data[impulse] if impulse in data else total
 
 
 def works_of(data: xr.Dataset) -> list[xr.DataArray]:
-    """Works since the start [J]; ``attrs["sign"]`` is 1 where one adds to what is stored, else -1."""
+    """Works since the start [J]; ``attrs["sign"]`` is 1 if a work increases the stored energy, else -1."""
     return [data[name] for name, variable in data.variables.items() if "sign" in variable.attrs]
 
 
 def work_text(work: xr.DataArray) -> str:
-    """Legend text of a work: ``put in by actuators``."""
+    """Text of a work in legends, such as ``put in by actuators``."""
     return str(work.attrs["long_name"]).removeprefix("work ").removesuffix(" since the start")

@@ -1,4 +1,4 @@
-"""Joints beyond their URDF's limits: positions, rates and torques, which a rollout does not enforce."""
+"""Violations of the URDFs' joint limits on position, rate and torque, which rollouts do not enforce."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene
 
 ROUNDING = 1e-6
-"""Excess that is none: in parts of the range, the rate or the torque."""
+"""Excess that counts as rounding, relative to the range, the rate or the torque."""
 QUANTITIES = {
     "position": ("joint_position", np.degrees(1.0), ("deg", "m")),
     "rate": ("joint_velocity", np.degrees(1.0), ("deg/s", "m/s")),
     "torque": ("joint_torque", 1.0, ("N m", "N")),
 }
-"""Array of each quantity, factor of its angles, and units, of a joint that turns and of one that slides."""
+"""Variable of each quantity, factor for revolute joints, and units for revolute and prismatic joints."""
 
 
 def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
-    """Find joints beyond the limits of position, rate and torque that their URDFs give.
+    """Find joints that violate the limits of position, rate and torque in their URDFs.
 
     Args:
         scene: The scene.
-        data: Of the whole rollout.
+        data: Dataset of the complete rollout.
 
     Returns:
-        list of dict: For each: ``joint``, ``quantity``, ``unit``, the ``limit`` that is passed, ``from_s``
-            (when first), the greatest ``excess`` beyond it and ``time_s``, when that is.
+        list of dict: Violations with ``joint``, ``quantity``, ``unit``, the violated ``limit``, ``from_s``
+            (time of the first violation), the maximum ``excess`` and its time ``time_s``.
     """
     labels, time = [str(joint) for joint in data["joint"].values], data["time"].values
     violations = []
@@ -39,7 +39,7 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
             label = f"{body.name}/{joint.name}"
             if label not in labels:
                 continue
-            # of those that the URDF limits; an effort or velocity of 0 stands for none
+            # quantities with limits in the URDF, where an effort or velocity of 0 means no limit
             ranges = list[tuple[str, float, float]]()
             if joint.kind != "continuous" and np.isfinite((joint.lower, joint.upper)).any():
                 ranges.append(("position", joint.lower, joint.upper))
@@ -72,7 +72,7 @@ def beyond_limits(scene: Scene, data: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def limit_warnings(violations: Sequence[Mapping[str, Any]]) -> list[str]:
-    """One sentence for each robot and quantity, the joint with the greatest excess first."""
+    """Warnings, one for each robot and quantity, with the largest relative excess first."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for one in violations:
         groups.setdefault((one["joint"].partition("/")[0], one["quantity"]), []).append(one)

@@ -12,7 +12,7 @@ from spacerobot.result.dataset import AXES
 
 
 def tip_errors(data: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
-    """Minimum, maximum, RMS and final tip error [m] by tip and axis, and of its norm."""
+    """Minimum, maximum, RMS and final value [m] of each tip's error along each axis and of its norm."""
     statistics, errors = {}, data.tip_error.values
     for k, tip in enumerate(data.tip.values):
         error = errors[:, k]
@@ -32,49 +32,54 @@ def _statistics(values: np.ndarray[Any, Any]) -> dict[str, float]:
 
 
 def body_motion(data: xr.Dataset) -> dict[str, dict[str, float]]:
-    """Greatest rotation [deg] and travel [m] of each body since the start.
+    """Maximum rotation [deg] and travel [m] of each body since the start.
 
-    The rotation is the net one, from the attitude at the start to the present one, whole turns counted: in
-    space, the length of the rotation vector that follows without a jump. A body that turns back loses angle.
+    The rotation is the net rotation from the initial attitude, including full turns: the length of the
+        rotation
+    vector that is continuous in time. It decreases when a body turns back.
     """
     position, rotation = data.body_position.values, data.body_rotation.values
     travel = np.sqrt(((position - position[0]) ** 2).sum(axis=-1)).max(axis=0)
     if "body_angle" in data:
         angle = data.body_angle.values
-        turned = np.abs(angle - angle[0]).max(axis=0)
+        angles = np.abs(angle - angle[0]).max(axis=0)
     else:
-        turned = np.array([_turned(rotation[:, k]).max() for k in range(rotation.shape[1])])
+        angles = np.array([_unwrapped_angle(rotation[:, k]).max() for k in range(rotation.shape[1])])
     return {
-        str(body): {"max_rotation_deg": float(np.degrees(turned[k])), "max_travel_m": float(travel[k])}
+        str(body): {"max_rotation_deg": float(np.degrees(angles[k])), "max_travel_m": float(travel[k])}
         for k, body in enumerate(data.body.values)
     }
 
 
-def _turned(rotation: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Length (nt,) [rad] of the continuous rotation vector, from the shortest ones (nt, 3)."""
+def _unwrapped_angle(rotation: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Length (nt,) [rad] of the continuous rotation vector, from the shortest rotation vectors (nt, 3).
+
+    The rotation vectors of an attitude are (angle + 2 pi n) times its axis, with integer n. The continuous
+    one is nearest to its predecessor.
+    """
     size: np.ndarray[Any, Any] = np.sqrt((rotation**2).sum(axis=1))
     if not size.max(initial=0.0) > np.pi / 2:  # false for a NaN as well
         return size
-    before, turned = rotation[0], size.copy()
+    previous, unwrapped = rotation[0], size.copy()
     for i, (vector, angle) in enumerate(zip(rotation, size, strict=True)):
         if angle > 0:
             axis = vector / angle
-            turns = np.round((before @ axis - angle) / (2 * np.pi))
-            turned[i] = abs(angle + 2 * np.pi * turns)
-            before = (angle + 2 * np.pi * turns) * axis
+            turns = np.round((previous @ axis - angle) / (2 * np.pi))
+            unwrapped[i] = abs(angle + 2 * np.pi * turns)
+            previous = (angle + 2 * np.pi * turns) * axis
         else:
-            turned[i] = 2 * np.pi * np.round(np.linalg.norm(before) / (2 * np.pi))
-    return turned
+            unwrapped[i] = 2 * np.pi * np.round(np.linalg.norm(previous) / (2 * np.pi))
+    return unwrapped
 
 
 def greatest_torque(data: xr.Dataset) -> dict[str, Any]:
-    """Greatest actuator torque [N m], or force [N] of a prismatic joint, its unit, where and when."""
+    """Largest joint torque [N m], or force [N] of a prismatic joint, with its unit, joint and time."""
     largest = _greatest(data, np.abs(data.variables["joint_torque"].values), "joint", "torque_n_m")
     return largest | {"unit": "N" if _slides(data, largest["joint"]) else "N m"}
 
 
 def fastest_joint(data: xr.Dataset) -> dict[str, Any]:
-    """Greatest joint rate [rad/s], or speed [m/s] of a prismatic joint, its unit, where and when."""
+    """Largest joint rate [rad/s], or speed [m/s] of a prismatic joint, with its unit, joint and time."""
     fastest = _greatest(data, np.abs(data.variables["joint_velocity"].values), "joint", "rate")
     return fastest | {"unit": "m/s" if _slides(data, fastest["joint"]) else "rad/s"}
 
@@ -85,40 +90,43 @@ def _slides(data: xr.Dataset, joint: str | None) -> bool:
 
 
 def greatest_grip(data: xr.Dataset) -> dict[str, Any]:
-    """Greatest grip force, where and when."""
+    """Largest grasp force [N] with its grasp and time."""
     return _greatest(data, _sizes(data, "grasp_force"), "grasp", "force_n")
 
 
 def greatest_contact(data: xr.Dataset) -> dict[str, Any]:
-    """Greatest contact force, where and when."""
+    """Largest contact force [N] with its contact and time."""
     return _greatest(data, _sizes(data, "contact_force"), "contact", "force_n")
 
 
 def _sizes(data: xr.Dataset, name: str) -> Array:
-    """Sizes (nt, n) of vectors, 0 where there is none."""
+    """Norms (nt, n) of vectors; 0 for NaN."""
     return np.asarray(np.sqrt(np.nansum(data.variables[name].values ** 2, axis=-1)))
 
 
 def attitude_errors(data: xr.Dataset) -> dict[str, dict[str, float]]:
-    """Greatest and final attitude error [deg] of each base that is held."""
+    """Maximum and final attitude error [deg] of each base with attitude control."""
     size = np.degrees(np.sqrt((data.base_attitude_error**2).sum("axis", skipna=False)))
-    held = size.dropna("body", how="all")
+    errors = size.dropna("body", how="all")
     return {
-        str(body): {"max_deg": float(held.sel(body=body).max()), "final_deg": float(held.sel(body=body)[-1])}
-        for body in held.body.values
+        str(body): {
+            "max_deg": float(errors.sel(body=body).max()),
+            "final_deg": float(errors.sel(body=body)[-1]),
+        }
+        for body in errors.body.values
     }
 
 
 def propellant(data: xr.Dataset) -> dict[str, float]:
-    """Propellant that the thrusters of each body have spent [kg]."""
-    spent = data.propellant.dropna("body", how="all").isel(time=-1)
-    return {str(body): float(spent.sel(body=body)) for body in spent.body.values}
+    """Propellant consumed by the thrusters of each body [kg]."""
+    masses = data.propellant.dropna("body", how="all").isel(time=-1)
+    return {str(body): float(masses.sel(body=body)) for body in masses.body.values}
 
 
 def fastest_wheel(data: xr.Dataset) -> dict[str, Any]:
-    """Greatest speed of a reaction wheel [rad/s], where and when, and the least part left of a limit."""
-    left = np.array(data["wheel_margin"].values if "wheel_margin" in data else np.nan)
-    finite = left[np.isfinite(left)]
+    """Largest speed of a reaction wheel [rad/s] with its wheel and time, and the smallest relative margin."""
+    margins = np.array(data["wheel_margin"].values if "wheel_margin" in data else np.nan)
+    finite = margins[np.isfinite(margins)]
     fastest = _greatest(data, np.abs(data.variables["wheel_speed"].values), "wheel", "speed_rad_s")
     return fastest | {"least_margin": float(finite.min()) if finite.size else None}
 

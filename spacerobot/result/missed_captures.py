@@ -1,4 +1,4 @@
-"""Reasons for a missed docking: closest approach, and violated limits of the capture envelope."""
+"""Causes of missed captures: closest approach, and violated limits of the capture envelope."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spacerobot.scene import Scene, SceneGrasp
 
 Booleans = npt.NDArray[np.bool_]
 INSTANTS = 3000
-"""At so many instants at most relative motion is evaluated."""
+"""Maximum number of instants at which the relative motion is evaluated."""
 SHOWN = {
     "distance": ("distance", "mm", 1e3),
     "misalignment_deg": ("angle", "deg", 1.0),
@@ -24,26 +24,32 @@ SHOWN = {
     "lateral_speed": ("lateral speed", "mm/s", 1e3),
     "spin_deg": ("spin", "deg/s", 1.0),
 }
-"""Each limit of an envelope in words, the unit in which it is shown, and its factor."""
+"""Limits of a capture envelope: name in words, display unit and its factor."""
 ENVELOPE = tuple(SHOWN)
+"""Names of the five limits of a capture envelope."""
 
 
 def missed_captures(
     scene: Scene, data: xr.Dataset, events: Sequence[Mapping[str, Any]]
 ) -> dict[str, dict[str, Any]]:
-    """Find out why grasps that begin open were never captured.
+    """Find the causes of missed captures.
 
     Args:
         scene: The scene.
-        data: Of the whole rollout, at every step.
-        events: Of the rollout, as in a summary.
+        data: Dataset of the complete rollout, at every step.
+        events: Events of the rollout, as in a summary.
 
     Returns:
-        dict: By grasp: ``closest``, the closest approach (``time_s`` and the envelope's five quantities, in
-            the units of its limits); ``inside_s``, the longest time for which all limits held; ``violated``,
-            the limits that were violated, the first one first, while the tip was within ``distance`` and
-            longest so (behind the longest time inside if there is one): ``limit``, ``allowed``, ``found``
-            (the worst), ``from_s``, ``for_s``; and ``words``, one sentence.
+        dict: Causes by name of each grasp that begins open and was never captured:
+
+            * ``closest``: closest approach, ``time_s`` and the five quantities of the envelope, in the units
+                of
+              its limits;
+            * ``inside_s``: longest time for which all limits held;
+            * ``violated``: violated limits in the order of time, each with ``limit``, ``allowed``, ``found``
+              (worst value), ``from_s`` and ``for_s``. They are searched in the longest time within
+              ``distance``, or, if the tip was inside the envelope, after the longest time inside;
+            * ``words``: the cause in one sentence.
     """
     captured = {event["who"] for event in events if event["kind"] == "captured"}
     causes = {}
@@ -52,7 +58,7 @@ def missed_captures(
         if grasp.config.begins == "closed" or capture is None or grasp.name in captured:
             continue
         time = data["time"].values
-        # instants at which the phase lets it close (nt,)
+        # samples at which the phase permits the capture (nt,)
         phases = scene.scenario.phases
         allowed = np.full(len(time), not phases)
         phase_starts = [(next(iter(phases)), -np.inf)] if phases else []
@@ -105,19 +111,19 @@ def _why(
     good = ~np.any([*over.values(), np.zeros(len(rows), bool)], axis=0)
 
     def lasts(run: slice) -> float:
-        """Duration of a stretch of rows [s]."""
+        """Duration of a run of rows [s]."""
         return float(time[rows[run.stop - 1]] - time[rows[run.start]])
 
     passes = [*_runs(np.ones(len(rows), bool), rows, close)]
     part, stays = max(passes, key=lasts), [*_runs(good, rows, close)]
     if stays:
-        # the longest stay inside, and what ended it: from there to the end of the time within `distance`
+        # the limits that ended the longest time inside: from there to the end of the time within `distance`
         stay = max(stays, key=lasts)
         cause["inside_s"] = lasts(stay)
         around = next(run for run in passes if run.start <= stay.start < run.stop)
         part = slice(stay.stop, around.stop)
     span = rows[part]
-    # each instant stands for half of its gaps
+    # duration of each sample: half of the intervals to its neighbours
     edges = time[span]
     lengths = np.diff(np.r_[edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
     for name, mask in over.items():
@@ -133,7 +139,7 @@ def _why(
                 }
             )
     cause["violated"].sort(key=lambda one: (one["from_s"], -one["for_s"]))
-    # a stay that lasts until the simulation ends is ended by no limit
+    # no other limit ended the time inside: the distance did, unless the simulation ended
     if stays and not cause["violated"] and "distance" in limits and rows[stay.stop - 1] + 1 < len(time):
         end = rows[stay.stop - 1] + 1
         cause["violated"] = [
@@ -149,7 +155,7 @@ def _why(
 
 
 def _runs(mask: Booleans, rows: npt.NDArray[np.int64], close: Booleans) -> Iterator[slice]:
-    """Stretches of ``rows`` in which a mask holds, and between which no instant is not ``close``."""
+    """Runs of consecutive ``rows`` for which a mask holds and all samples in between are ``close``."""
     apart = np.cumsum(~close)[rows]
     begin = None
     for k in range(len(rows) + 1):
@@ -167,12 +173,12 @@ def envelope_quantities(
     """Evaluate the quantities of a capture envelope.
 
     Args:
-        scene, grasp, capture: The scene, a grasp of it that begins open, and its envelope.
-        data: Of a rollout.
-        rows: Places of n instants in it.
+        scene, grasp, capture: The scene, a grasp that begins open, and its capture envelope.
+        data: Dataset of a rollout.
+        rows: Indices of n samples.
 
     Returns:
-        dict: Each quantity (n,) of :data:`ENVELOPE`, in the unit of its limit.
+        dict: Each quantity of :data:`ENVELOPE` (n,), in the unit of its limit.
     """
     model, axes = scene.model, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     kinematics = model.createData()
@@ -187,10 +193,10 @@ def envelope_quantities(
         gap = tip.translation - mate.translation
         velocity = moving.linear - other.linear - np.cross(other.angular, gap)
         closing = float(mate.rotation @ unit @ velocity)
-        turned = pin.log3((mate.rotation @ mated).T @ tip.rotation)
+        misalignment = pin.log3((mate.rotation @ mated).T @ tip.rotation)
         values[k] = (
             np.linalg.norm(gap),
-            np.degrees(np.linalg.norm(turned)),
+            np.degrees(np.linalg.norm(misalignment)),
             abs(closing),
             np.sqrt(max(float(velocity @ velocity) - closing**2, 0.0)),
             np.degrees(np.linalg.norm(moving.angular - other.angular)),
@@ -199,13 +205,13 @@ def envelope_quantities(
 
 
 def shown(name: str, value: float) -> str:
-    """A quantity of an envelope with its unit."""
+    """Quantity of a capture envelope in its display unit, as text."""
     _, unit, factor = SHOWN[name]
     return f"{value * factor:.3g} {unit}"
 
 
 def _words(capture: Any, event: Mapping[str, Any]) -> str:
-    """One sentence: the limits that were violated, then the closest approach."""
+    """Cause of a missed capture in one sentence: violated limits, then the closest approach."""
     parts = []
     if event["inside_s"]:
         stay = f"{event['inside_s']:.3g} s of the dwell of {capture.dwell:g} s"

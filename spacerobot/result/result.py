@@ -1,4 +1,4 @@
-"""The result of a simulation: labelled data, a summary, and the scenario that made it."""
+"""Result of a simulation: labelled data, summary and scenario."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Result(Tabular):
     """Result of one simulation.
 
     Attributes:
-        scenario: The resolved scenario; running it again gives the same result.
-        data: Everything over time, labelled and with units; see :mod:`spacerobot.result.dataset`.
-        summary: Numbers and status, as in ``summary.json``; see
+        scenario: Resolved scenario; a second simulation of it has the same result.
+        data: Signals over time with labels and units; see :mod:`spacerobot.result.dataset`.
+        summary: Status and headline numbers, as in ``summary.json``; see
             :class:`spacerobot.result.summary_types.Summary`.
-        folder: Where it was read from or written to, if it was.
+        folder: Folder that the result was read from or written to, or None.
     """
 
     scenario: Scenario
@@ -37,14 +37,16 @@ class Result(Tabular):
     folder: Path | None = None
 
     def save(self, folder: StrPath) -> Result:
-        """Write it; a result that is there already is replaced, with the pages and figures made from it.
+        """Write the result to a folder.
+
+        An earlier result in the folder, and the pages and figures made from it, are replaced.
 
         Returns:
-            Result: The same, knowing its folder.
+            Result: The result with its folder.
 
         Raises:
-            ResultError: If the folder cannot be written; what was there before is then still there.
-            KeyboardInterrupt: If Ctrl-C came meanwhile; the result is then written all the same.
+            ResultError: If the folder cannot be written; its earlier content is then unchanged.
+            KeyboardInterrupt: After Ctrl-C during the write; the result is written nevertheless.
         """
         write_result(Path(folder), self.scenario, self.data, self.summary)
         return dataclasses.replace(self, folder=Path(folder))
@@ -54,7 +56,7 @@ class Result(Tabular):
         """Read the folder of a result.
 
         Raises:
-            ResultError: If it is not a complete result, or one of another version's layout.
+            ResultError: If the folder has no complete result, or one with another version's layout.
         """
         return cls(*read_result(Path(folder)), Path(folder))
 
@@ -64,21 +66,21 @@ class Result(Tabular):
         return bool(self.summary["status"]["state"] == "completed")
 
     def array(self, name: str) -> Array:
-        """Values of a variable, or labels of a dimension: ``data[name].values`` in a tenth of the time."""
+        """Values of a variable, or labels of a dimension, ten times faster than ``data[name].values``."""
         return np.asarray(self.data.variables[name].values)
 
     @property
     def led_tips(self) -> list[str]:
-        """Labels of the tips that a reference or a controller of their own leads."""
+        """Labels of the tips that have a reference or controller of their own."""
         unled = self.summary.get("unled_tips", ())
         return [str(tip) for tip in self.array("tip") if tip not in unled]
 
     def scene(self) -> Scene:
-        """The scene it was simulated in, built anew from its scenario."""
+        """Scene of the simulation, built from its scenario."""
         return build_scene(self.scenario, source=self.folder / "scenario.yaml" if self.folder else None)
 
     def headline(self) -> list[Row]:
-        """Main figures of the result, as rows of two texts."""
+        """Headline numbers of the result: names and values as texts."""
         return headline(self.summary, self.data, self.scenario.body_label("target"))
 
     def __repr__(self) -> str:
@@ -86,5 +88,5 @@ class Result(Tabular):
         return f"<Result {self.scenario.name}: {status_text(self.summary['status'])}>"
 
     def content(self) -> list[Table]:
-        """Main figures, events, and the plans of model predictive control."""
+        """Tables of headline numbers, events, and plans of model predictive control."""
         return result_tables(self.scenario, self.summary, self.data)

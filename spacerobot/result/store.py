@@ -1,8 +1,8 @@
-"""Result folders: written whole or not at all.
+"""Atomic writing and checked reading of result folders.
 
-A folder holds ``scenario.yaml`` (resolved), ``summary.json`` and ``result.nc``. The files are written
-beside it first and then moved into place, so that a full disk or an interruption leaves nothing half-done.
-A lock on the folder keeps several processes from mixing their results, and a reader from seeing a mixture.
+A folder contains ``scenario.yaml`` (resolved), ``summary.json`` and ``result.nc``. The files are first
+written to a temporary folder and then moved, so that a full disk or an interruption leaves no incomplete
+result. A lock on the folder prevents processes from mixing their results, and readers from reading a mixture.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from spacerobot.scenario import Scenario
 
 FORMAT = 2
-"""Version of the result's layout; a result of another one is refused."""
+"""Version of the result's layout; results of other versions cannot be read."""
 SCENARIO, SUMMARY, DATA = "scenario.yaml", "summary.json", "result.nc"
 FILES = (SCENARIO, DATA, SUMMARY)
-"""In the order they are moved into place: the summary last, so that a folder with one is complete."""
+"""Files in the order in which they are moved, the summary last: a folder with a summary is complete."""
 JOBS = {
     "campaign.json": "a campaign",
     "comparison.json": "a comparison",
@@ -38,35 +38,35 @@ JOBS = {
     "plan.json": "a plan",
     "front.json": "a front of plans",
 }
-"""Files by which the folders of other jobs are known, which may hold results as well."""
+"""Files that identify the folders of other jobs, with the jobs' names; these folders may contain results."""
 WITH_RESULT = ("tuning.json", "robust.json")
-"""Those of the jobs that write their best design as a result into the same folder."""
+"""Files of the jobs that write the result of their best design to the same folder."""
 JOURNALS = "journals"
-"""Folder in which jobs keep what a killed one goes on from."""
+"""Subfolder of the journals from which an interrupted job continues."""
 
 
 def check_folder(folder: StrPath, job: str | None = None) -> None:
-    """Refuse, before any work is done, a folder that could not be written or that holds something else.
+    """Check, before a job begins, that its output folder can be written and has no other content.
 
     Args:
-        folder: Where files shall be written.
-        job: One of :data:`JOBS` that writes there; a result alone if None.
+        folder: Output folder.
+        job: File of the job, a key of :data:`JOBS`; None for a result.
 
     Raises:
-        ResultError: With the reason.
+        ResultError: If the folder cannot be written, or has other content.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ResultError("is a file, not a folder", source=folder)
     names = [] if not folder.is_dir() else [p.name for p in folder.iterdir() if not p.name.startswith(STAGE)]
     files = set(names)
-    # other jobs' folders have a summary or a scenario as well: only the data tell a result
+    # folders of other jobs may have a summary or a scenario too: only the data identify a result
     result = DATA in files or files <= {*FILES, DERIVED}
     other = next((name for name in JOBS if name in files and name != job), None)
-    mine = result if job is None else not files or job in files
-    if job is not None and other is None:  # perhaps killed before its own file was written
-        mine = mine or JOURNALS in files or (result and job in WITH_RESULT)
-    if not mine:
+    is_free = result if job is None else not files or job in files
+    if job is not None and other is None:  # the job may have been killed before its file was written
+        is_free = is_free or JOURNALS in files or (result and job in WITH_RESULT)
+    if not is_free:
         expected = "no result" if job is None else f"not {JOBS[job]}"
         holds = "files" if other is None else JOBS[other]
         raise ResultError(f"holds {holds}, {expected}; name an empty or a new folder", source=folder)
@@ -75,15 +75,15 @@ def check_folder(folder: StrPath, job: str | None = None) -> None:
 
 
 def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Summary) -> None:
-    """Write a result's files; those that are there already are replaced, and what was made of them goes.
+    """Write the files of a result; earlier files, and the files made from them, are replaced.
 
     Args:
-        folder: Where.
-        scenario, data, summary: What a result consists of.
+        folder: Folder of the result.
+        scenario, data, summary: Parts of the result.
 
     Raises:
-        ResultError: If the folder cannot be written; its earlier content is then still there.
-        KeyboardInterrupt: If Ctrl-C came meanwhile; the result is then written all the same.
+        ResultError: If the folder cannot be written; its earlier content is then unchanged.
+        KeyboardInterrupt: After Ctrl-C during the write; the result is written nevertheless.
     """
     from spacerobot.scenario.load import to_yaml
 
@@ -102,10 +102,10 @@ def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Su
 
 
 def check_files(folder: Path) -> None:
-    """Refuse a folder that does not have the files of a result; none of them is read.
+    """Check that a folder has the files of a result, without reading them.
 
     Raises:
-        ResultError: With the names of those that are missing.
+        ResultError: If files are missing; the message has their names.
     """
     if not folder.is_dir():
         raise ResultError("no such folder", source=folder)
@@ -116,10 +116,10 @@ def check_files(folder: Path) -> None:
 
 
 def read_result(folder: Path) -> tuple[Scenario, xr.Dataset, Summary]:
-    """Scenario, data and summary of a result's folder.
+    """Read scenario, data and summary from a result's folder.
 
     Raises:
-        ResultError: If it is not a complete result, or one of another version's layout.
+        ResultError: If the folder has no complete result, or one with another version's layout.
     """
     check_files(folder)
     import xarray as xr
@@ -159,12 +159,12 @@ def _parse(path: Path, reader: Callable[[Path], Any]) -> Any:
 
 @contextlib.contextmanager
 def _writing(folder: Path) -> Any:
-    """Tell any fault of the file system in one line."""
+    """Convert errors of the file system in the block to a ``ResultError``."""
     try:
         yield
     except OSError as fault:
         raise ResultError(f"cannot be written: {fault.strerror or fault}", source=folder) from None
-    except RuntimeError as fault:  # the netCDF library's own, which does not say why
+    except RuntimeError as fault:  # error of the netCDF library, without a reason
         raise ResultError(
             f"cannot be written, perhaps for want of space on the disk: {fault}", source=folder
         ) from None
@@ -172,7 +172,7 @@ def _writing(folder: Path) -> Any:
 
 @contextlib.contextmanager
 def _stage(folder: Path) -> Any:
-    """Temporary folder on the same file system, gone afterwards."""
+    """Temporary folder on the same file system, removed after the block."""
     home = folder if folder.is_dir() else folder.parent
     new_folders = [path for path in (home, *home.parents) if not path.exists()]
     home.mkdir(parents=True, exist_ok=True)
@@ -182,4 +182,4 @@ def _stage(folder: Path) -> Any:
     finally:
         for path in new_folders:
             with contextlib.suppress(OSError):
-                path.rmdir()  # only where nothing was put into it
+                path.rmdir()  # fails unless the folder is empty

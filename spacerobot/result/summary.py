@@ -1,4 +1,4 @@
-"""The summary of a result, as it stands in ``summary.json``."""
+"""Summary of a result, as in ``summary.json``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from spacerobot.result.metrics import (
 from spacerobot.result.missed_captures import missed_captures
 from spacerobot.result.store import FORMAT
 from spacerobot.result.summary_types import Summary
-from spacerobot.result.trust import advise, deep_contacts, judge, warning
+from spacerobot.result.trust import advise, check_trust, deep_contacts, warning
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
 
@@ -42,10 +42,15 @@ def build_summary(
     notes: Mapping[str, str],
     events: Sequence[Mapping[str, Any]] = (),
 ) -> Summary:
-    """Status, headline numbers, ledger, timing, assumptions and versions of a simulation.
+    """Build the summary of a simulation: status, headline numbers, ledger, timing, assumptions and versions.
 
-    ``notes`` say more of the engine: what compiled it, and how well a chosen step was found to do; ``events``
-    are those of the rollout.
+    Args:
+        scene: The scene.
+        data: Dataset at every step.
+        trajectory: Trajectory of the rollout.
+        timing: Wall times [s].
+        notes: Notes on the engine: its compiler, and the error of the step.
+        events: Events, from :func:`spacerobot.result.events.build_events`.
     """
     bodies, ledger, fastest = body_motion(data), build_ledger(data, scene.scenario), fastest_joint(data)
     engine = {
@@ -56,13 +61,13 @@ def build_summary(
         **notes,
     }
     advice = advise(engine, scene.scenario.simulation.tolerance, fastest)
-    # a rollout that diverged passes every limit on its way: that explains nothing
+    # a diverged rollout violates every limit, which explains nothing
     beyond = beyond_limits(scene, data) if trajectory.status == "completed" else []
     ended = trajectory.ended_at_s
-    judged = judge(trajectory.status == "completed", ledger, advice, deep_contacts(scene.contacts, data))
+    trust = check_trust(trajectory.status == "completed", ledger, advice, deep_contacts(scene.contacts, data))
     if trajectory.status == "diverged":
-        judged["advice"] = advice
-    doubt = warning(judged)
+        trust["advice"] = advice
+    trust_warning = warning(trust)
     status = {
         "state": trajectory.status,
         "reached_s": float(trajectory.time[-1]) if ended is None else ended,
@@ -72,7 +77,7 @@ def build_summary(
     summary = {
         "format": FORMAT,
         "name": scene.scenario.name,
-        "status": status | judged,
+        "status": status | trust,
         "outcome": outcome_of(scene, events),
         **({"missed": missed} if (missed := missed_captures(scene, data, events)) else {}),
         "events": list(events),
@@ -92,7 +97,7 @@ def build_summary(
         "engine": engine,
         "timing_s": dict(timing),
         "assumptions": list(scene.assumptions),
-        "warnings": [*scene.warnings, *limit_warnings(beyond), *([doubt] if doubt else [])],
+        "warnings": [*scene.warnings, *limit_warnings(beyond), *([trust_warning] if trust_warning else [])],
         "urdf_sha256": {body.name: body.description.sha256 for body in scene.bodies},
         **({"plugins": plugins} if (plugins := plugin_records()) else {}),
         "versions": dict(_versions()),
@@ -101,7 +106,7 @@ def build_summary(
 
 
 def unled_tips(scene: Scene) -> list[str]:
-    """Tips without a reference and a controller of their own: nobody asked them to be anywhere."""
+    """Labels of the tips without a reference or controller of their own, whose error has no meaning."""
     return [
         tip.label
         for tip in scene.tips

@@ -1,7 +1,7 @@
-"""Keys of a result's summary and the types of their values, as type checkers read them.
+"""Types of a result's summary, for type checkers.
 
-Keys that only some results have are marked :data:`~typing.NotRequired`; docstrings give the units that no key
-names. Where there is no joint, grasp, contact or wheel, its numbers are zero and its name is None.
+Optional keys are marked :data:`~typing.NotRequired`. Units are part of the keys or stated in the docstrings.
+In a scene without joints, grasps, contacts or wheels, the numbers of these are zero and their names None.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ Numbers: TypeAlias = Mapping[str, float]
 
 
 class Status(TypedDict):
-    """End of the simulation, and whether its numbers can be trusted."""
+    """Status at the end of the simulation, and reasons not to trust its numbers."""
 
     state: str
     reached_s: float
@@ -35,21 +35,21 @@ class ErrorStatistics(TypedDict):
 
 
 class BodyExcursion(TypedDict):
-    """Largest rotation and travel since the start."""
+    """Maximum rotation and travel of a body since the start."""
 
     max_rotation_deg: float
     max_travel_m: float
 
 
 class AttitudeError(TypedDict):
-    """Attitude error of a base that is controlled."""
+    """Attitude error of a base with attitude control."""
 
     max_deg: float
     final_deg: float
 
 
 class LargestTorque(TypedDict):
-    """Largest joint torque [N m], of a prismatic joint force [N], as ``unit`` says."""
+    """Largest joint torque [N m], or force [N] of a prismatic joint; ``unit`` is its unit."""
 
     torque_n_m: float
     unit: str
@@ -58,7 +58,7 @@ class LargestTorque(TypedDict):
 
 
 class LargestRate(TypedDict):
-    """Largest joint rate [rad/s], of a prismatic joint speed [m/s], as ``unit`` says."""
+    """Largest joint rate [rad/s], or speed [m/s] of a prismatic joint; ``unit`` is its unit."""
 
     rate: float
     unit: str
@@ -83,7 +83,7 @@ class LargestContact(TypedDict):
 
 
 class FastestWheel(TypedDict):
-    """Largest speed of a reaction wheel; ``least_margin`` is the smallest share left of a speed limit."""
+    """Largest speed of a reaction wheel; ``least_margin`` is the smallest relative margin to a limit."""
 
     speed_rad_s: float
     wheel: str | None
@@ -92,7 +92,7 @@ class FastestWheel(TypedDict):
 
 
 class LinearMomentum(TypedDict):
-    """Linear momentum less the impulse from outside; the drift is relative to the largest of a body."""
+    """Linear momentum minus the impulse of external wrenches; the relative drift is that of the ledger."""
 
     initial_n_s: list[float]
     drift_n_s: float
@@ -101,7 +101,7 @@ class LinearMomentum(TypedDict):
 
 
 class AngularMomentum(TypedDict):
-    """Angular momentum about the world's origin, in the same way."""
+    """Angular momentum about the world's origin minus the impulse of external wrenches."""
 
     initial_n_m_s: list[float]
     drift_n_m_s: float
@@ -110,7 +110,7 @@ class AngularMomentum(TypedDict):
 
 
 class MomentumLedger(TypedDict):
-    """Conservation of momentum; ``reason`` says why it is not conserved."""
+    """Conservation of momentum; ``reason`` states why momentum is not conserved."""
 
     conserved: bool
     reason: NotRequired[str]
@@ -132,14 +132,14 @@ class EnergyLedger(TypedDict):
 
 
 class Ledger(TypedDict):
-    """Conservation audit."""
+    """Conservation ledger of momentum and energy."""
 
     momentum: MomentumLedger
     energy: EnergyLedger
 
 
 class EngineSummary(TypedDict):
-    """Engine of the simulation; what it adds about its compiler and its step is text."""
+    """Engine of the simulation, with notes on its compiler and step as texts."""
 
     name: str
     backend: str
@@ -161,7 +161,7 @@ class Timing(TypedDict):
 
 
 class MpcStatistics(TypedDict):
-    """Plans of model predictive control and the time that they took."""
+    """Numbers and solution times of the plans of model predictive control."""
 
     period_s: float
     delay_s: float
@@ -176,7 +176,7 @@ class MpcStatistics(TypedDict):
 
 
 class EventSummary(TypedDict):
-    """Event of a simulation; which of the optional keys it has depends on its kind."""
+    """Event of a simulation; the optional keys depend on its kind."""
 
     time_s: float
     kind: str
@@ -191,7 +191,7 @@ class EventSummary(TypedDict):
 
 
 class ExceededLimit(TypedDict):
-    """Limit of a joint that is exceeded, in ``unit``."""
+    """Violated limit of a joint, with numbers in ``unit``."""
 
     joint: str
     quantity: Literal["position", "rate", "torque"]

@@ -1,4 +1,4 @@
-"""Tables of a result: its main figures, events and plans, for the terminal, pages and notebooks."""
+"""Tables of a result's headline numbers, events and plans, for the terminal, pages and notebooks."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from spacerobot.scenario import Scenario
 
 Row = tuple[str, str]
 FINEST = 1e-4
-"""Ranges of axes below it, in the unit of their row, are written with powers of ten."""
+"""Magnitude, in the unit of a row, below which ranges are written in scientific notation."""
 
 
 def result_tables(scenario: Scenario, summary: Summary, data: xr.Dataset) -> list[Table]:
-    """Main figures of a result, its events, and the plans of model predictive control.
+    """Tables of a result's headline numbers, events, and plans of model predictive control.
 
     Args:
         scenario, summary, data: Parts of the result.
@@ -40,7 +40,7 @@ def result_tables(scenario: Scenario, summary: Summary, data: xr.Dataset) -> lis
 
 
 def _plan_rows(plans: Mapping[str, Any]) -> list[Row]:
-    """Number of plans of model predictive control, and their solution times against the period."""
+    """Number of plans of model predictive control, and solution times compared with the period or delay."""
     missed = f", {plans['missed']} without a plan" if plans["missed"] else ""
     times = f"median {plans['median_solve_s']:.3g} s, the longest {plans['longest_solve_s']:.3g} s"
     within = "delay" if plans["delay_s"] else "period"
@@ -55,13 +55,18 @@ def _plan_rows(plans: Mapping[str, Any]) -> list[Row]:
 
 
 def headline(summary: Summary, data: xr.Dataset, target: str = "object") -> list[Row]:
-    """Main figures of a result, one row each; ``target`` is the displayed name of the target."""
+    """Headline numbers of a result: names and values as texts.
+
+    Args:
+        summary, data: Parts of the result.
+        target: Displayed name of the target.
+    """
     rows = [("status", status_text(summary["status"]))]
     if summary["outcome"]:
         rows.append(("outcome", summary["outcome"]))
     rows += [(f"missed {grasp}", why["words"]) for grasp, why in summary.get("missed", {}).items()]
     led = {t: axes for t, axes in summary["tip_error"].items() if t not in summary.get("unled_tips", ())}
-    # plans of MPC replace the references of tips: a distance from them is no control error
+    # plans of MPC replace the references of tips: the distance from a reference is not a control error
     error = "tip from its reference" if "mpc" in summary else "tip error"
     for tip, axes in led.items():
         names = ["x", "y"] if "body_angle" in data else ["x", "y", "z"]
@@ -105,7 +110,7 @@ def headline(summary: Summary, data: xr.Dataset, target: str = "object") -> list
 
 
 def engine_text(summary: Summary) -> str:
-    """Engine, backend, step and time of a rollout in words."""
+    """Engine, backend, step and wall time of a rollout in words."""
     engine, timing = summary["engine"], summary["timing_s"]
     step = f", steps of {engine['step_s'] * 1e3:g} ms" if engine["step_s"] else ""
     why = f"; {engine['interpreted_because']}" if engine.get("interpreted_because") else ""
@@ -115,7 +120,7 @@ def engine_text(summary: Summary) -> str:
 
 
 def _span(low: float, high: float) -> str:
-    """Range of an axis: three decimals, or what its greater end needs for three significant figures."""
+    """Range as text: with three decimals, or more for three significant figures of the larger end."""
     greatest = max(abs(low), abs(high))
     if not 0 < greatest < FINEST:
         plain = greatest == 0 or not math.isfinite(greatest)
@@ -127,7 +132,7 @@ def _span(low: float, high: float) -> str:
 
 
 def _unit_of(size_m: float) -> tuple[str, float]:
-    """Unit of length that leaves a size some digits, and how many of it a metre has."""
+    """Unit of length in which a size has significant digits, and the factor from metres."""
     for unit, factor in (("mm", 1e3), ("um", 1e6)):
         if size_m * factor >= 0.01:
             return unit, factor
@@ -135,7 +140,7 @@ def _unit_of(size_m: float) -> tuple[str, float]:
 
 
 def status_text(status: Mapping[str, Any]) -> str:
-    """``completed`` or when it diverged, and whether its ledger is open."""
+    """Status in words: completed or diverged, with the time, and reasons not to trust the numbers."""
     if status["state"] == "completed":
         text = f"completed, {status['reached_s']:g} s"
     else:
@@ -146,7 +151,7 @@ def status_text(status: Mapping[str, Any]) -> str:
 
 
 def cause_words(status: Mapping[str, Any]) -> str:
-    """Cause of a rollout's end, written after its status; empty where none is known."""
+    """Cause of a rollout's end as a suffix of its status; empty if it is unknown."""
     return f": {status['cause']}" if status.get("cause") else ""
 
 

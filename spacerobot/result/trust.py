@@ -1,9 +1,9 @@
-"""Whether a rollout's numbers can be trusted: how far its ledger may be open, and what closes it.
+"""Criteria for trust in a rollout's numbers: conservation of momentum and energy, and depth of contacts.
 
-Nothing acts on a free scene from outside, so its momenta are constant, and work explains every change of
-energy. A rollout that does otherwise has steps too long for what happens in it. Runs, reports, pages and
-campaigns are judged by the limits stated here. A contact's force is that of a shallow indentation: shapes
-half way through each other may leave on the other side, however well momenta and energy are kept.
+Without external wrenches, the momenta of a scene are constant, and works account for every change of energy.
+If a rollout violates this, its steps are too long. The limits in this module apply to runs, reports, pages
+and campaigns. Contact laws hold for shallow indentation: shapes half-way through each other may separate on
+the other side, even if momentum and energy are conserved.
 """
 
 from __future__ import annotations
@@ -18,36 +18,37 @@ from spacerobot.common.arrays import Array
 from spacerobot.scene.scene import SceneContact
 
 MOST_DRIFT = 0.01
-"""Greatest change of a momentum, in parts of the largest of a body."""
+"""Maximum drift of momentum, relative to the largest momentum of a body."""
 MOST_RESIDUAL = 0.01
-"""Greatest energy that no work explains, in parts of the largest energy in the balance."""
+"""Maximum residual of the energy balance, relative to the largest energy in it."""
 LEAST_MOMENTUM = 1e-5
-"""Drift is compared with no less [N s, N m s], so that rounding in a scene at rest is no doubt."""
+"""Minimum scale of the relative drift [N s, N m s], so that rounding in a scene at rest causes no warning."""
 LEAST_ENERGY = 1e-6
-"""The residual is compared with no less [J]."""
+"""Minimum scale of the relative residual [J]."""
 
 MOST_DEPTH = 0.5
-"""Greatest indentation, in parts of the least distance from the smaller shape's middle to its surface."""
+"""Maximum indentation, relative to the smallest distance from the smaller shape's centre to its surface."""
 
 DEEP_ADVICE = "take a stiffer contact, or let bodies meet more slowly"
 
 KINDS = (("linear", "n_s"), ("angular", "n_m_s"))
+"""Kinds of momentum with their units in keys."""
 
 
-def judge(
+def check_trust(
     completed: bool, ledger: Mapping[str, Any], advice: str, deep: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Verdict on a rollout, as it stands in a summary's status.
+    """Check whether the numbers of a rollout can be trusted.
 
     Args:
-        completed: Whether the rollout reached its end; one that diverged needs no further doubt.
-        ledger: As :func:`spacerobot.result.ledger.build_ledger` makes it.
-        advice: What to do where the ledger is open.
-        deep: As :func:`deep_contacts` finds them.
+        completed: Whether the rollout reached its end; the balances of a diverged rollout are not checked.
+        ledger: Ledger from :func:`spacerobot.result.ledger.build_ledger`.
+        advice: Advice if a balance is open.
+        deep: Contacts from :func:`deep_contacts`.
 
     Returns:
-        dict: ``trusted``, what is ``open`` in words, which contacts are too ``deep`` if any, ``advice`` (None
-            where it is trusted).
+        dict: Entries of a summary's status: ``trusted``, the ``open`` balances in words, contacts that are
+            too ``deep``, if any, and ``advice`` (None if the numbers can be trusted).
     """
     open_balances = list[str]()
     if completed:
@@ -71,11 +72,11 @@ def judge(
 
 
 def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[str]:
-    """Contacts whose shapes are pressed into each other beyond what their law means, in words.
+    """Contacts whose indentation exceeds the validity of their law, in words.
 
     Args:
-        contacts: Of the scene.
-        data: A result's dataset, with the gap of each contact's nearest pair of shapes [m].
+        contacts: Contacts of the scene.
+        data: Dataset of a result, with the gap of each contact's nearest pair of shapes [m].
     """
     warnings = []
     for contact in contacts:
@@ -91,21 +92,21 @@ def deep_contacts(contacts: Sequence[SceneContact], data: xr.Dataset) -> list[st
 
 
 def contact_size(contact: SceneContact) -> float:
-    """Least distance from the middle of a contact's smaller shape to its surface [m]."""
+    """Smallest distance from the centre of a contact's smaller shape to its surface [m]."""
     return float(min(shape.config.extent()[0] for pair in contact.pairs for shape in pair))
 
 
 def least_between(values: Array, time: Array) -> float:
-    """Least value of a signal, also between its samples: that of the parabola through the three lowest.
+    """Minimum of a signal between its samples, by the parabola through the lowest sample and its neighbours.
 
     Args:
-        values, time: The signal (n,), and when it was sampled (n,) [s].
+        values, time: Samples of the signal (n,) and their times (n,) [s].
     """
     k = int(np.argmin(values))
     if not 0 < k < len(values) - 1:
         return float(values[k])
     steps = np.diff(time[k - 1 : k + 2])
-    if not (steps > 0).all():  # at an event there are two samples of one time
+    if not (steps > 0).all():  # an event has two samples at one time
         return float(values[k])
     slopes = np.diff(values[k - 1 : k + 2]) / steps
     bend = (slopes[1] - slopes[0]) / steps.sum()
@@ -114,12 +115,12 @@ def least_between(values: Array, time: Array) -> float:
 
 
 def advise(engine: Mapping[str, Any], tolerance: float, fastest: Mapping[str, Any]) -> str:
-    """Advice about an open ledger, in words.
+    """Advice about an open balance, in words.
 
     Args:
-        engine: As in a summary.
-        tolerance: Of the scenario.
-        fastest: Joint with the greatest rate, as in a summary.
+        engine: Engine, as in a summary.
+        tolerance: Tolerance of the scenario.
+        fastest: Joint with the largest rate, as in a summary.
     """
     if not engine["step_s"]:
         what = f"take a simulation.tolerance smaller than {tolerance:g}"
@@ -131,7 +132,7 @@ def advise(engine: Mapping[str, Any], tolerance: float, fastest: Mapping[str, An
 
 
 def fast_words(fastest: Mapping[str, Any]) -> str:
-    """Fastest joint, its rate and the time; empty where there is none."""
+    """Fastest joint, its rate and the time in words; empty without joints."""
     if fastest["joint"] is None:
         return ""
     speed = f"{fastest['rate']:.3g} {fastest['unit']}"
@@ -139,17 +140,17 @@ def fast_words(fastest: Mapping[str, Any]) -> str:
 
 
 def share(part: float) -> str:
-    """A part as a percentage."""
+    """Fraction as a percentage or multiple, as text."""
     return f"{100 * part:.2g} %" if part < 1 else f"{100 * part:.0f} %" if part < 100 else f"{part:.2g} fold"
 
 
 def open_words(status: Mapping[str, Any]) -> str:
-    """Open balances and excessive depths, as the words that follow a status; empty if there are none."""
-    return f"but {'; '.join(_doubts(status))}" if _doubts(status) else ""
+    """Open balances and excessive depths as a suffix of a status; empty if there are none."""
+    return f"but {'; '.join(_distrust(status))}" if _distrust(status) else ""
 
 
-def _doubts(status: Mapping[str, Any], limits: str = "") -> list[str]:
-    """Reasons not to trust a rollout."""
+def _distrust(status: Mapping[str, Any], limits: str = "") -> list[str]:
+    """Reasons not to trust a rollout, in words."""
     deep = [f"bodies pass into each other: {'; '.join(status['deep'])}"] if status.get("deep") else []
     opened = "; ".join(status["open"])
     balance = (
@@ -159,8 +160,8 @@ def _doubts(status: Mapping[str, Any], limits: str = "") -> list[str]:
 
 
 def warning(status: Mapping[str, Any]) -> str | None:
-    """One sentence to warn with; None where nothing is open or too deep."""
-    doubts = _doubts(status, f"{100 * MOST_DRIFT:g} % and {100 * MOST_RESIDUAL:g} %")
-    if not doubts:
+    """Warning about open balances and excessive depths; None if there are none."""
+    reasons = _distrust(status, f"{100 * MOST_DRIFT:g} % and {100 * MOST_RESIDUAL:g} %")
+    if not reasons:
         return None
-    return f"{'; '.join(doubts)}: do not trust these numbers; {status['advice']}"
+    return f"{'; '.join(reasons)}: do not trust these numbers; {status['advice']}"

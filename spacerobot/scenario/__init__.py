@@ -1,4 +1,4 @@
-"""Scenarios: the validated description of what is simulated."""
+"""Scenarios: validated descriptions of robots, target, grasps, phases and jobs."""
 
 from spacerobot.common.lazy_names import lazy_names
 

@@ -1,4 +1,4 @@
-"""Robots and the target: their URDF, where they begin, what is changed in them."""
+"""Robots and target: URDFs, initial states, changed mass properties, elements."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Link(Section):
 
 
 class Joint(Section):
-    """Initial state and resistance of one joint; missing values are those of the URDF."""
+    """Initial state, damping and torque limit of one joint; missing values are those of the URDF."""
 
     angle_deg: float | None = quantity("deg", "initial angle of a revolute or continuous joint", default=None)
     offset: float | None = quantity("m", "initial offset of a prismatic joint", default=None)
@@ -208,7 +208,7 @@ class Tip(Section):
         return {key: value for key, value in self if isinstance(value, Section)}
 
     def elements(self) -> Iterator[tuple[str, TipController]]:
-        """Controllers of the tip with their places in the section."""
+        """Controllers of the tip with their keys in the section."""
         for key, pid in (("pid", self.pid), ("orientation_pid", self.orientation_pid)):
             if pid is not None:
                 yield key, pid
@@ -276,21 +276,21 @@ class Robot(Body):
         return self
 
     def elements(self) -> Iterator[tuple[str, RobotController]]:
-        """Controllers of the robot with their places in the section, without those of tips."""
+        """Controllers of the robot, without those of tips, with their keys in the section."""
         if self.joint_pd is not None:
             yield "joint_pd", self.joint_pd
         for name, controller in self.controllers.items():
             yield f"controllers.{name}", controller
 
     def driven_by(self) -> Iterator[tuple[str, Actuator]]:
-        """Actuators of the robot with their places in the section, in the order in which they act."""
+        """Actuators of the robot in the order in which they act, with their keys in the section."""
         if self.torque_limits:
             yield "torque_limits", create("actuator", "torque_limit")
         for name, actuator in self.actuators.items():
             yield f"actuators.{name}", actuator
 
     def parts(self) -> Iterator[tuple[str, RobotElement]]:
-        """Controllers, actuators and estimators of the robot with their places in the section."""
+        """Controllers, actuators and estimators of the robot with their keys in the section."""
         yield from self.elements()
         yield from self.driven_by()
         for name, estimator in self.estimators.items():

@@ -1,4 +1,4 @@
-"""The campaign: which numbers of the scenario are uncertain, and how they are drawn."""
+"""Monte Carlo campaign: uncertain parameters, sampling, metrics and limits."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "lognormal": ("median", "sigma"),
     "truncated_normal": ("mean", "std", "lower", "upper"),
 }
-"""Numbers that each distribution is described by."""
+"""Parameters of each distribution."""
 
 MOST_SAMPLES = 1_000_000
-EIGENVALUE = 1e-10  # least eigenvalue of a correlation matrix
+EIGENVALUE = 1e-10  # minimum eigenvalue of a correlation matrix
 
 
 class UncertainParameter(Section):
@@ -56,7 +56,7 @@ class UncertainParameter(Section):
     @model_validator(mode="before")
     @classmethod
     def _known_kind(cls, data: Any) -> Any:
-        """Refuse an unknown distribution before what it needs is looked up."""
+        """Check that the distribution is known, before its parameters are looked up."""
         if isinstance(data, dict):
             _check_word(data.get("kind", "uniform"), "kind", NEEDS)
         return data
@@ -72,7 +72,7 @@ class UncertainParameter(Section):
         if self.lower is not None and self.upper is not None and not self.lower < self.upper:
             raise ValueError(f"lower must be below upper, found {self.lower:g} and {self.upper:g}")
         if self.kind == "truncated_normal":
-            # refuse a truncated normal of which hardly anything is left
+            # probability of the normal distribution between the truncation limits
             a, b = ((limit - self.mean) / self.std for limit in (self.lower, self.upper))  # type: ignore[operator]
             probability = 0.5 * (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2)))
             if probability < 1e-6:
@@ -147,7 +147,7 @@ class Campaign(Section):
     @model_validator(mode="before")
     @classmethod
     def _known_words(cls, data: Any) -> Any:
-        """Refuse unknown designs and metrics with the near names."""
+        """Check that design and metrics are known; messages have similar names."""
         if isinstance(data, dict):
             _check_word(data.get("design", "sobol"), "design", SAMPLERS.names())
             named = data.get("metrics", ())
@@ -196,12 +196,12 @@ class Campaign(Section):
 
     @property
     def count(self) -> int:
-        """Samples in all."""
+        """Number of all samples."""
         return self.sampler.count(self)
 
     @property
     def sampler(self) -> Sampler:
-        """The sampler that `design` names."""
+        """Sampler named by ``design``."""
         kind: Sampler = SAMPLERS.find(self.design)
         return kind
 

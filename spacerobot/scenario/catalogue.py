@@ -1,4 +1,4 @@
-"""The scenarios that ship, by name."""
+"""Shipped scenarios by name."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ FOLDER = Path(__file__).parent.parent / "scenarios"
 
 
 def shipped() -> dict[str, Path]:
-    """Files of the shipped scenarios by name, sorted."""
+    """Files of the shipped scenarios by name, in alphabetical order."""
     return {path.stem: path for path in sorted(FOLDER.glob("*.yaml"))}
 
 
 def find_scenario(name: str) -> Path:
-    """File of a scenario: a path that exists, or the name of a shipped one.
+    """File of a scenario, from a path or the name of a shipped scenario.
 
     Raises:
-        ScenarioError: If it is neither.
+        ScenarioError: If there is neither.
     """
     path = Path(name).expanduser()
     try:

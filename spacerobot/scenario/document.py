@@ -1,6 +1,6 @@
-"""Scenario files as plain documents: YAML read safely, not validated yet.
+"""Safe reading of scenario files to plain documents, which are not validated.
 
-No section of a scenario is imported, so that a missing file and wrong YAML are reported at once.
+The module imports no section of a scenario, so that a missing file or invalid YAML is reported quickly.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAX_DEPTH = 100
 
 
 def read_document(path: Path) -> Document:
-    """Plain content of a YAML file, not validated yet.
+    """Read a YAML file to a plain document.
 
     Raises:
         ScenarioError: If the file cannot be read, is not YAML or is not a mapping.
@@ -51,10 +51,10 @@ NO_PLAN = "no such section: it defines the planning problem (docs/how_to/plan_an
 
 
 def check_plan_section(path: Path, changes: Iterable[tuple[str, Any]] = ()) -> None:
-    """Check that a scenario file has a ``plan`` section, or that a change may bring one.
+    """Check that a scenario file has a ``plan`` section, or that a change may add one.
 
     Raises:
-        ScenarioError: If there is none, or as :func:`read_document`.
+        ScenarioError: If there is no section, or as :func:`read_document`.
     """
     may_come = any(pattern.partition(".")[0] in ("plan", "*") for pattern, _ in changes)
     if not may_come and read_document(path).get("plan") is None:
@@ -65,13 +65,14 @@ def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
     """Value of a YAML text.
 
     Raises:
-        ScenarioError: If it is not YAML, or unfolds to more than is sane.
+        ScenarioError: If the text is not YAML, or its aliases expand beyond :data:`MAX_NODES` or
+            :data:`MAX_DEPTH`.
     """
     loader = None
     try:
         loader = Loader(text)
         node = loader.get_single_node()
-        # measured before aliases and merge keys are unfolded, which takes time and memory without bound
+        # measured before aliases and merge keys are expanded, which could take unbounded time and memory
         weight, depth = (0, 0) if node is None else _measure(node, {})
         if depth > MAX_DEPTH:
             raise ScenarioError(
@@ -93,13 +94,13 @@ def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:
 
 
 def _measure(node: yaml.Node, measured: dict[int, tuple[float, int]]) -> tuple[float, int]:
-    """Count of values with aliases and merge keys unfolded, and levels of nesting.
+    """Number of values after expansion of aliases and merge keys, and depth of nesting.
 
-    A node that holds itself counts infinitely many.
+    The number is infinite for a node that contains itself.
 
     Args:
         node: Root of the composed graph, in which an alias is the node of its anchor.
-        measured: Results of the nodes that were visited, by their identity.
+        measured: Results of visited nodes by their ``id``.
     """
     if isinstance(node, yaml.ScalarNode):
         return 1, 0

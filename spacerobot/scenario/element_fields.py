@@ -1,6 +1,6 @@
-"""Types of fields that hold an element: a base class for type checkers, the kind's own class when validated.
+"""Types of fields with elements: the base class for type checkers, the class of the kind at validation.
 
-No element is imported: a scenario loads the kinds that it names, and a wrong key is reported without them.
+The module imports no element. A scenario loads only the kinds that it names.
 """
 
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias

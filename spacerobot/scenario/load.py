@@ -1,4 +1,4 @@
-"""Scenarios from and to plain documents; the first fault is reported in one line."""
+"""Conversion between plain documents and scenarios, with the first error in one line."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from spacerobot.scenario.yaml_text import Dumper
 
 
 def validate(document: Document, *, source: Path | str | None = None) -> Scenario:
-    """Scenario of a document.
+    """Validate a document and return its scenario.
 
     Raises:
-        ScenarioError: For the first fault found: its dotted path, what was found and what is allowed.
+        ScenarioError: For the first invalid value: its dotted path, the value and the allowed values.
     """
     try:
         return Scenario.model_validate(document)
@@ -36,19 +36,29 @@ def validate(document: Document, *, source: Path | str | None = None) -> Scenari
 
 
 def to_document(scenario: Scenario) -> Document:
-    """Plain form of a scenario, defaults included, as YAML and dotted paths see it."""
+    """Plain document of a scenario, including defaults, for YAML and dotted paths."""
     return scenario.model_dump(mode="json")
 
 
 def apply_change(
     document: Document, pattern: str, value: Any, source: Path | str | None
 ) -> tuple[Document, bool]:
-    """Document with one change, and whether it is valid; some changes are valid only together.
+    """Apply one change to a document.
 
-    Defaults of a section that the change creates are filled in for later changes.
+    If the changed document is valid, it includes the defaults of sections that the change creates. Some
+    changes are valid only together.
+
+    Args:
+        document: Plain document.
+        pattern: Dotted path, may contain ``*``.
+        value: New value.
+        source: Source for error messages.
+
+    Returns:
+        tuple: The changed document, and whether it is valid.
 
     Raises:
-        ScenarioError: If the change names no value.
+        ScenarioError: If the pattern matches nothing.
     """
     try:
         changed = assign(document, pattern, value)
@@ -63,20 +73,20 @@ def apply_change(
 def check_changes(
     scenario: Scenario, changes: Iterable[tuple[str, Any]], *, source: Path | str | None = None
 ) -> None:
-    """Check of changes whose paths do not depend on URDFs, before these are read.
+    """Check changes before URDFs are read, as far as their paths do not depend on URDFs.
 
     Raises:
-        ScenarioError: If a change names no section, or the changed scenario is not valid.
+        ScenarioError: If a change names no section, or the changed scenario is invalid.
     """
     document, is_valid = to_document(scenario), True
     for pattern, value in changes:
-        if ".links." in pattern:  # the URDF's numbers are checked with it
+        if ".links." in pattern:  # checked together with the URDF
             return
         try:
             document, is_valid = apply_change(document, pattern, value, source)
         except ScenarioError:
             section = pattern.partition(".")[0]
-            if section in document or "*" in section:  # a URDF may bring the value
+            if section in document or "*" in section:  # the URDF may define the value
                 return
             raise
     if not is_valid:
@@ -84,7 +94,7 @@ def check_changes(
 
 
 def to_yaml(scenario: Scenario) -> str:
-    """YAML text that reads back to the same scenario; what is null is left out."""
+    """YAML text of a scenario, including defaults, which reads back to the same scenario."""
     return yaml.dump(to_document(scenario), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=110)
 
 
@@ -94,10 +104,10 @@ def json_schema() -> dict[str, Any]:
     schema = {"$schema": dialect, **Scenario.model_json_schema(), "title": "spacerobot scenario"}
     for section in schema["$defs"].values():
         paths = section["properties"].get("paths")
-        if paths is not None:  # one path may stand without a list around it
+        if paths is not None:  # a single path may be written without a list
             several = {key: paths.pop(key) for key in ("type", "items", "minItems") if key in paths}
             paths["anyOf"] = [{"type": "string"}, several]
-    duration = schema["$defs"]["PlanSection"]["properties"]["duration"]  # a number is a time that is given
+    duration = schema["$defs"]["PlanSection"]["properties"]["duration"]  # a number is a fixed duration
     duration["anyOf"] = [{"type": "number", "exclusiveMinimum": 0}, {"$ref": duration.pop("$ref")}]
     definitions = schema["$defs"]
     options: dict[str, dict[str, list[Any]]] = {"costs": {}, "limits": {}}
@@ -109,7 +119,7 @@ def json_schema() -> dict[str, Any]:
         place, short = f"#/$defs/{kind.__name__}", getattr(kind, "short", None)
         alone = [definitions[kind.__name__]["properties"][short]] if short else []
         options["limits"][name] = [*alone, {"$ref": place}]
-    for key, named in options.items():  # under the name of a kind, a number or list alone
+    for key, named in options.items():  # an entry named by its kind may be a number or list
         entries = definitions["PlanSection"]["properties"][key]
         (section,) = entries.pop("patternProperties").values()
         entries["additionalProperties"] = section

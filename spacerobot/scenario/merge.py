@@ -1,7 +1,7 @@
-"""A phase's changes laid over the scenario, and what may differ at all.
+"""Merge of a phase's changes with the scenario, and checks of what may differ between phases.
 
-Changes are laid over the scenario before they are validated, so what they hold may have any shape: a number
-where a section belongs goes into the merged document as it is, whose validation names its place.
+Changes are merged before they are validated, so that their values may have any type: a number in place of a
+section is copied to the merged document, whose validation reports its path.
 """
 
 from __future__ import annotations
@@ -15,18 +15,23 @@ from spacerobot.elements.core.registry import find_kind
 from spacerobot.scenario.paths import Document
 
 CONTROLLERS = ("pid", "orientation_pid", "amnesia", "orientation_amnesia")
-"""Controllers of a tip that have keys of their own."""
+"""Keys of a tip's section that are controllers."""
 
 
 NAMED = ("robots.", "tips.", "controllers.", "grasps.")
-"""Ends of the paths of what stands in a mapping by name."""
+"""Last parts of the paths of mappings by name."""
 
 
 def expand_names(changes: Document, base: Document, path: str = "") -> Document:
-    """Changes with ``*`` in names replaced by the base's names, a full name winning over a pattern.
+    """Changes with patterns (``*``) replaced by the names of the base; full names override patterns.
+
+    Args:
+        changes: Changes, nested as in the base.
+        base: Document with the names.
+        path: Dotted path of the changes, with a dot at its end, for error messages.
 
     Raises:
-        ValueError: Where a name is not in the base; its text begins with the dotted path.
+        ValueError: If a name is not in the base; the message begins with the dotted path.
     """
     expanded: Document = {}
     for pattern in sorted(changes, key=lambda name: "*" not in name):  # stable: full names last
@@ -45,12 +50,12 @@ def expand_names(changes: Document, base: Document, path: str = "") -> Document:
 
 
 def _replaces(value: Mapping[str, Any], old: Mapping[str, Any]) -> bool:
-    """Whether a section is of another kind than the one that it stands for."""
+    """Whether a section has another kind than the old one, and therefore replaces it entirely."""
     return "kind" in value and value["kind"] != old.get("kind")
 
 
 def overlay(base: Document, changes: Document) -> Document:
-    """Base with changes: sections key by key, unless of another kind; everything else replaced."""
+    """Document with changes: sections of the same kind are merged key by key, other values are replaced."""
     merged = dict(base)
     for key, value in changes.items():
         old = base.get(key)
@@ -59,8 +64,8 @@ def overlay(base: Document, changes: Document) -> Document:
     return merged
 
 
-def without_resting(document: Document) -> Document:
-    """Document whose mappings of named controllers lack those that are null, in place."""
+def without_disabled(document: Document) -> Document:
+    """Remove null entries, which disable controllers, from the mappings of named controllers, in place."""
     robots = sections(document.get("robots"))
     for holder in [*robots, *(tip for robot in robots for tip in sections(robot.get("tips")))]:
         if isinstance(holder.get("controllers"), dict):
@@ -69,7 +74,7 @@ def without_resting(document: Document) -> Document:
 
 
 def sections(node: Any) -> list[Document]:
-    """Sections of a mapping by name; none of what is no mapping."""
+    """Sections in a mapping by name; none if the value is not a mapping."""
     return [each for each in node.values() if isinstance(each, dict)] if isinstance(node, dict) else []
 
 
@@ -79,20 +84,20 @@ def without_null(document: Document) -> Document:
 
 
 def pick(merged: Document, changes: Document) -> Document:
-    """Entries of a merged document that the changes name; references are kept whole."""
+    """Entries of a merged document that the changes name, with complete references."""
     return {
         key: pick(merged[key], value)
         if isinstance(value, dict) and isinstance(merged.get(key), dict) and key != "reference"
-        else merged.get(key)  # a named controller that rests is not there
+        else merged.get(key)  # a disabled controller is missing in the merged document
         for key, value in changes.items()
     }
 
 
 def check_changes(base: Document, changes: Document) -> None:
-    """Refuse what cannot differ by phase.
+    """Check that a phase changes only what may differ between phases.
 
     Raises:
-        ValueError: Its text begins with the dotted path.
+        ValueError: If it changes something else; the message begins with the dotted path.
     """
     for path, value in _parts(changes, ()):
         where, old = ".".join(path), base
@@ -120,7 +125,7 @@ def check_changes(base: Document, changes: Document) -> None:
 
 
 def _parts(node: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Values of a nested document that are no sections, and references whole."""
+    """Iterate over the paths and values of a nested document; a reference is a single value."""
     for key, value in node.items():
         if isinstance(value, dict) and key != "reference":
             yield from _parts(value, (*path, key))
@@ -129,7 +134,7 @@ def _parts(node: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], 
 
 
 def _is_controller(path: tuple[str, ...]) -> bool:
-    """Whether a path is that of a controller itself."""
+    """Whether a path is that of a controller, not of one of its keys."""
     inside = path[4:] if path[2:3] == ("tips",) else path[2:]
     return (inside[0] in (*CONTROLLERS, "joint_pd") and len(inside) == 1) or (
         inside[0] == "controllers" and len(inside) == 2
@@ -137,7 +142,7 @@ def _is_controller(path: tuple[str, ...]) -> bool:
 
 
 def _may_rest(changes: Document, path: tuple[str, ...]) -> bool:
-    """Whether a controller may be null: an amnesia controller where the PID that it corrects rests too."""
+    """Whether a controller may be null: an amnesia controller only together with the PID that it corrects."""
     section: Any = changes
     for key in path[:-1]:
         section = section[key]
@@ -145,7 +150,7 @@ def _may_rest(changes: Document, path: tuple[str, ...]) -> bool:
 
 
 def _words(base: Document, path: tuple[str, ...]) -> tuple[str, ...]:
-    """Keys of a tip controller's words that may differ by phase; none of anything else."""
+    """Keys with words of a tip controller that may differ between phases; none for other sections."""
     if not (path[2:3] == ("tips",) and _is_controller(path)):
         return ()
     section: Any = base
@@ -157,7 +162,7 @@ def _words(base: Document, path: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _may_differ(path: tuple[str, ...]) -> bool:
-    """Whether a number at a path is read while the simulation runs."""
+    """Whether a number at a path may differ between phases: it is used during the simulation."""
     if path[0] == "grasps":
         return len(path) > 2 and path[2] != "max_gap"
     if path[0] != "robots" or len(path) < 3:

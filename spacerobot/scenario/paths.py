@@ -1,8 +1,8 @@
-"""Dotted paths into a scenario's document: ``robots.*.tips.tip.pid.kp``.
+"""Dotted paths in a scenario's document, such as ``robots.*.tips.tip.pid.kp``.
 
-A document is the plain form of a scenario: nested dictionaries and lists. Segments are keys or list
-indices; ``*`` stands for every key, in a longer segment for any letters. A key that itself holds dots (a URDF
-link may) is matched whole.
+A document is the plain form of a scenario: nested dictionaries and lists. Segments are keys or list indices.
+``*`` matches every key; inside a segment it matches any characters. A key may contain dots, as names of URDF
+links do.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ Document = dict[str, Any]
 
 
 def expand(document: Any, pattern: str) -> list[str]:
-    """Dotted paths that a pattern stands for.
+    """Dotted paths that match a pattern.
 
     Raises:
-        ScenarioError: Where a segment is not in the document; the near names are listed.
+        ScenarioError: If a segment is not in the document; the message has similar names.
     """
     return [".".join(path) for path in _expand(document, pattern.split("."), pattern)]
 
 
 def get(document: Any, path: str) -> Any:
-    """Value at one dotted path without ``*``.
+    """Value at a dotted path.
 
     Raises:
-        ScenarioError: Where a segment is not in the document, or the path stands for several values.
+        ScenarioError: If a segment is not in the document, or the path matches several values.
     """
-    found = _expand(document, path.split("."), path)
-    if len(found) != 1:
-        raise ScenarioError(f"matches {len(found)} values, where one is required", where=path)
-    for key in found[0]:
+    matches = _expand(document, path.split("."), path)
+    if len(matches) != 1:
+        raise ScenarioError(f"matches {len(matches)} values, where one is required", where=path)
+    for key in matches[0]:
         document = document[int(key) if isinstance(document, list | tuple) else key]
     return document
 
 
 def assign(document: Document, pattern: str, value: Any) -> Document:
-    """Copy of a document with a value at every path the pattern stands for.
+    """Copy of a document with a value at every path that matches a pattern.
 
-    A section that is null is opened with its defaults, and a new key may be added to a section that
-    exists; validation judges it afterwards.
+    A null section on the path becomes an empty one, and new keys may be added to a section. Validation checks
+    them afterwards.
 
     Raises:
-        ScenarioError: Where ``*`` or a section on the way finds nothing.
+        ScenarioError: If ``*`` matches nothing, or a section on the path does not exist.
     """
     changed = copy.deepcopy(document)
     segments = pattern.split(".")
@@ -79,14 +79,21 @@ def _index(node: list[Any] | tuple[Any, ...], key: str, pattern: str) -> int:
 def _expand(
     node: Any, segments: list[str], pattern: str, *, open_null: bool = False
 ) -> list[tuple[str, ...]]:
-    """Key tuples for a pattern, opening null sections on the way if asked."""
+    """Key tuples that match a pattern.
+
+    Args:
+        node: Document or a part of it.
+        segments: Remaining segments of the pattern.
+        pattern: Complete pattern, for error messages.
+        open_null: Whether null sections on the path become empty ones, in place.
+    """
     if not segments:
         return [()]
     if isinstance(node, list | tuple):
         keys = [(str(i), 1) for i in range(len(node))] if segments[0] == "*" else []
         keys = keys or [(str(_index(node, segments[0], pattern)), 1)]
     elif isinstance(node, dict):
-        # keys that the first segments stand for, each with how many segments it takes
+        # keys that match the first segments, each with the number of segments that it takes
         names = [str(key) for key in node]
         hint = f"; {near_names(segments[0], names)}" if node else ""
         if "*" in segments[0]:
@@ -95,21 +102,21 @@ def _expand(
                 raise ScenarioError(f"`{segments[0]}` finds nothing here{hint}", where=pattern)
         else:
             joined = ((".".join(segments[:used]), used) for used in range(len(segments), 0, -1))
-            keys = [next((found for found in joined if found[0] in node), ("", 0))]
+            keys = [next((candidate for candidate in joined if candidate[0] in node), ("", 0))]
             if not keys[0][1]:
                 near = near_names(segments[0], names)
                 raise ScenarioError(f"no {segments[0]!r}; {near}", where=pattern)
     else:
         raise ScenarioError(f"{node!r} has no parts, so no {segments[0]!r}", where=pattern)
-    found = []
+    matches = []
     for key, used in keys:
         child = node[int(key)] if isinstance(node, list | tuple) else node[key]
         if child is None and open_null and isinstance(node, dict):
             child = node[key] = {}
-            found.append((key, *segments[used:]))
+            matches.append((key, *segments[used:]))
             for name in segments[used:]:
                 child[name] = {}
                 child = child[name]
             continue
-        found += [(key, *rest) for rest in _expand(child, segments[used:], pattern, open_null=open_null)]
-    return found
+        matches += [(key, *rest) for rest in _expand(child, segments[used:], pattern, open_null=open_null)]
+    return matches

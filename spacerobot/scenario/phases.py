@@ -1,4 +1,4 @@
-"""Phases: what differs from the scenario for a while, how that ends, and what follows."""
+"""Phases of a simulation: changes to the scenario, end conditions, and next phases."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spacerobot.common.errors import near_names
 from spacerobot.common.section import Name, Section, quantity
 
 END = "end"
-"""What follows a phase that ends the simulation."""
+"""Name of the next phase that ends the simulation."""
 
 
 class Settled(Section):
@@ -26,7 +26,7 @@ class Settled(Section):
 
 
 class Limit(Section):
-    """An output that passes a limit: a number, or the length of a vector."""
+    """Condition that an output, or the norm of a vector output, passes a limit."""
 
     output: str = Field(min_length=1, description="name of the output, as in the result: grasp_force")
     of: str | None = Field(default=None, description="of which tip, body or grasp; none for the whole scene")
@@ -40,7 +40,7 @@ class Limit(Section):
         return self
 
     def words(self) -> str:
-        """It, in a few words."""
+        """Condition in a few words."""
         side = "above" if self.above is not None else "below"
         of = f" of {self.of}" if self.of else ""
         return f"when {self.output}{of} is {side} {self.below if self.above is None else self.above:g}"
@@ -59,14 +59,14 @@ class PhaseEnd(Section):
 
     @model_validator(mode="after")
     def _check(self) -> PhaseEnd:
-        given = [name for name, value in self if value is not None]
-        if len(given) != 1:
+        conditions = [name for name, value in self if value is not None]
+        if len(conditions) != 1:
             names = ", ".join(type(self).model_fields)
-            raise ValueError(f"found {', '.join(given) or 'none'}, allowed: one of {names}")
+            raise ValueError(f"found {', '.join(conditions) or 'none'}, allowed: one of {names}")
         return self
 
     def words(self) -> str:
-        """It, in a few words."""
+        """Condition in a few words."""
         if self.time is not None:
             return f"after {self.time:g} s"
         if self.settled is not None:
@@ -127,13 +127,13 @@ class Phase(Section):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """Differences from the scenario, nested as in it."""
-        found = {"robots": self.robots, "target": self.target, "grasps": self.grasps}
-        return {key: value for key, value in found.items() if value}
+        """Changes to the scenario, nested as in it."""
+        sections = {"robots": self.robots, "target": self.target, "grasps": self.grasps}
+        return {key: value for key, value in sections.items() if value}
 
     @property
     def ends(self) -> bool:
-        """Whether it ends before the simulation does."""
+        """Whether the phase may end before the simulation, except by ``abort``."""
         return self.until is not None or self.timeout is not None
 
 
@@ -141,17 +141,17 @@ Phases = Mapping[str, Phase]
 
 
 def successors(phases: Phases) -> dict[str, tuple[str, str]]:
-    """Successors of each phase: at its end, and at its end by ``timeout``."""
+    """Next phases of each phase: after ``until``, and after ``timeout``."""
     names = list(phases)
-    found = {}
+    next_phases = {}
     for name, default in zip(names, [*names[1:], END], strict=True):
         following = phases[name].next or default
-        found[name] = (following, phases[name].on_timeout or following)
-    return found
+        next_phases[name] = (following, phases[name].on_timeout or following)
+    return next_phases
 
 
 def _following(phases: Phases) -> dict[str, set[str]]:
-    """Phases that may follow each phase at once, however it ends; END among them."""
+    """All possible next phases of each phase, including END and those after an abort."""
     return {
         name: {*(follows if phases[name].ends else ()), *filter(None, (phases[name].on_abort,))}
         for name, follows in successors(phases).items()
@@ -159,45 +159,45 @@ def _following(phases: Phases) -> dict[str, set[str]]:
 
 
 def reached_from(name: str, phases: Phases) -> set[str]:
-    """Phases that may follow a phase, at once or later."""
-    following, found, left = _following(phases), set[str](), [name]
-    while left:
-        new = following[left.pop()] - found - {END}
-        found |= new
-        left += new
-    return found
+    """Phases that are reachable from a phase."""
+    following, reachable, unvisited = _following(phases), set[str](), [name]
+    while unvisited:
+        new = following[unvisited.pop()] - reachable - {END}
+        reachable |= new
+        unvisited += new
+    return reachable
 
 
 def ways(name: str, phases: Phases) -> str:
-    """Conditions that end a phase and what follows, in words."""
+    """End conditions of a phase and the next phases, in words."""
     phase, (following, on_timeout) = phases[name], successors(phases)[name]
-    found = [] if phase.until is None else [f"{phase.until.words()} -> {following}"]
+    texts = [] if phase.until is None else [f"{phase.until.words()} -> {following}"]
     if phase.timeout is not None:
         latest = " at the latest" if phase.until is not None else ""
-        found.append(f"after {phase.timeout:g} s{latest} -> {on_timeout}")
+        texts.append(f"after {phase.timeout:g} s{latest} -> {on_timeout}")
     if phase.abort is not None:
-        found.append(f"abort {phase.abort.words()} -> {phase.on_abort}")
-    return "; ".join(found) or "to the end of the simulation"
+        texts.append(f"abort {phase.abort.words()} -> {phase.on_abort}")
+    return "; ".join(texts) or "to the end of the simulation"
 
 
 def differences(phase: Phase) -> list[str]:
-    """Differences of a phase from the scenario, in words."""
-    found = [
+    """Changes of a phase to the scenario, in words."""
+    texts = [
         f"{path} {value:g}" for path, value in _differing(phase.changes) if isinstance(value, float | int)
     ]
-    found += [
+    texts += [
         f"{path} {value['kind']}" for path, value in _differing(phase.changes) if isinstance(value, dict)
     ]
-    found += [f"{path} rests" for path, value in _differing(phase.changes) if value is None]
+    texts += [f"{path} rests" for path, value in _differing(phase.changes) if value is None]
     if phase.captures is not None:
-        found.append(f"may close: {', '.join(phase.captures) or 'none'}")
+        texts.append(f"may close: {', '.join(phase.captures) or 'none'}")
     if phase.releases:
-        found.append(f"releases: {', '.join(phase.releases)}")
-    return [*found, "controllers are reset"] if phase.reset else found
+        texts.append(f"releases: {', '.join(phase.releases)}")
+    return [*texts, "controllers are reset"] if phase.reset else texts
 
 
 def _differing(changes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Numbers, nulls and whole references that a phase names, with their dotted paths."""
+    """Iterate over the dotted paths and values of a phase's changes; a reference is a single value."""
     for key, value in changes.items():
         if isinstance(value, Mapping) and key != "reference":
             yield from _differing(value, f"{prefix}{key}.")
@@ -206,18 +206,22 @@ def _differing(changes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[s
 
 
 def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -> None:
-    """Refuse names that do not exist, phases that are never reached, and cycles without time passing.
+    """Check the names in phases, that all phases can be reached, and that no cycle takes zero time.
+
+    Args:
+        phases, grasps: Sections of the scenario.
+        bodies: Names of the robots and the target.
 
     Raises:
-        ValueError: Its text begins with the dotted path.
+        ValueError: If a check fails; the message begins with the dotted path.
     """
     for name, phase in phases.items():
         if name == END:
             raise ValueError(
                 f"phases.{END}: the name is reserved for the end of the simulation; rename the phase"
             )
-        for key, found, allowed in _names(phase, [*phases, END], list(grasps), bodies):
-            if found not in allowed:
+        for key, named, allowed in _names(phase, [*phases, END], list(grasps), bodies):
+            if named not in allowed:
                 what = (
                     "phase"
                     if key in ("next", "on_timeout", "on_abort")
@@ -225,24 +229,24 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
                     if "settled" not in key
                     else "body"
                 )
-                raise ValueError(f"phases.{name}.{key}: no {what} {found!r}; {near_names(found, allowed)}")
+                raise ValueError(f"phases.{name}.{key}: no {what} {named!r}; {near_names(named, allowed)}")
         for grasp in (*(phase.captures or ()), *((phase.until and phase.until.captured) or ())):
             if grasps[grasp].capture is None and grasps[grasp].begins == "open":
                 raise ValueError(f"phases.{name}: grasp {grasp!r} has no `capture`, so it never closes")
-        let_go = {found for other in phases.values() for found in other.releases}
+        released = {grasp for other in phases.values() for grasp in other.releases}
         for grasp in (phase.until and phase.until.released) or ():
-            if grasps[grasp].release is None and grasp not in let_go:
+            if grasps[grasp].release is None and grasp not in released:
                 raise ValueError(
                     f"phases.{name}.until.released: {grasp!r} is never released; add a `release`, or list it "
                     "in a phase's `releases`"
                 )
     for grasp, section in grasps.items():
-        lets = any(phase.captures is None or grasp in phase.captures for phase in phases.values())
-        if section.begins == "open" and not lets:
+        may_close = any(phase.captures is None or grasp in phase.captures for phase in phases.values())
+        if section.begins == "open" and not may_close:
             raise ValueError(
                 f"grasps.{grasp}.capture: never holds, for no phase names {grasp!r} in `captures`"
             )
-    # refuse phases that nothing leads to
+    # every phase must be reachable from the first one
     first = next(iter(phases))
     reached = {first} | reached_from(first, phases)
     for name in phases:
@@ -252,58 +256,59 @@ def check_phases(phases: Phases, grasps: Mapping[str, Any], bodies: list[str]) -
             raise ValueError(
                 f"phases.{name}: never reached{why}; lead to it by `next`, `on_timeout` or `on_abort`"
             )
-    # refuse phases that wait for grasps which are open when they begin and may not close in them
-    follows, before = _following(phases), {name: set[str]() for name in phases}
-    before[next(iter(phases))] = {name for name, grasp in grasps.items() if grasp.begins == "closed"}
-    held = dict(before)
-    for name in [*phases] * len(phases):  # as often as a way through all of them is long
+    # a phase that waits for a grasp must begin with it closed, or permit its capture: sets of grasps that may
+    # be closed at the begin and during each phase, propagated along the longest possible path
+    follows, at_begin = _following(phases), {name: set[str]() for name in phases}
+    at_begin[next(iter(phases))] = {name for name, grasp in grasps.items() if grasp.begins == "closed"}
+    during = dict(at_begin)
+    for name in [*phases] * len(phases):
         phase = phases[name]
         closing = grasps if phase.captures is None else phase.captures
         closes = {grasp for grasp in closing if grasps[grasp].capture is not None}
-        held[name] = (before[name] - set(phase.releases)) | closes
+        during[name] = (at_begin[name] - set(phase.releases)) | closes
         for following in follows[name]:
             if following != END:
-                before[following] |= held[name]
+                at_begin[following] |= during[name]
     for name, phase in phases.items():
         for grasp in (phase.until and phase.until.captured) or ():
-            if grasp not in held[name]:
+            if grasp not in during[name]:
                 raise ValueError(
                     f"phases.{name}.until.captured: never holds, for {grasp!r} is open when the phase begins "
                     "and `captures` does not name it"
                 )
-    # refuse phases that end at once in turn: their grasps are captured or released as it is
-    next_ones = successors(phases)
+    # no cycle of phases whose conditions are all satisfied already, so that no time would pass
+    next_phases = successors(phases)
     for first in phases:
-        name, seen = first, list[str]()
-        while name in phases and name not in seen and _ends_at_once(phases[name]):
-            seen.append(name)
-            name = next_ones[name][0]
-        if name == first and seen and not _contradict([phases[at] for at in seen]):
-            way = " -> ".join([*seen, first])
+        name, cycle = first, list[str]()
+        while name in phases and name not in cycle and _ends_at_once(phases[name]):
+            cycle.append(name)
+            name = next_phases[name][0]
+        if name == first and cycle and not _contradict([phases[each] for each in cycle]):
+            way = " -> ".join([*cycle, first])
             raise ValueError(f"phases.{first}: no time passes in {way}: each ends as soon as it begins")
 
 
 def check_planned(names: list[str], phases: Phases) -> None:
-    """Refuse a plan of other phases than the first ones, in turn.
+    """Check that the phases of a plan are the scenario's first phases in their order.
 
     Raises:
-        ValueError: Its text begins with the dotted path.
+        ValueError: If they are not; the message begins with the dotted path.
     """
     if not names:
         return
     for name in names:
         if name not in phases:
-            told = near_names(name, phases) if phases else "the scenario has no `phases`"
-            raise ValueError(f"plan.phases.{name}: no phase {name!r}; {told}")
-    turn, follows = list[str](), successors(phases)
-    while len(turn) < len(names):
-        turn.append(follows[turn[-1]][0] if turn else next(iter(phases)))
-        if turn[-1] == END:
+            hint = near_names(name, phases) if phases else "the scenario has no `phases`"
+            raise ValueError(f"plan.phases.{name}: no phase {name!r}; {hint}")
+    order, next_phases = list[str](), successors(phases)
+    while len(order) < len(names):
+        order.append(next_phases[order[-1]][0] if order else next(iter(phases)))
+        if order[-1] == END:
             break
-    for name, wanted in zip(names, turn, strict=True):
-        if name != wanted:
+    for name, expected in zip(names, order, strict=True):
+        if name != expected:
             raise ValueError(
-                f"plan.phases.{name}: found where {wanted!r} is in turn; plan the scenario's first phases, "
+                f"plan.phases.{name}: found where {expected!r} is in turn; plan the scenario's first phases, "
                 "as they follow each other"
             )
 
@@ -311,10 +316,10 @@ def check_planned(names: list[str], phases: Phases) -> None:
 def _names(
     phase: Phase, following: list[str], grasps: list[str], bodies: list[str]
 ) -> Iterator[tuple[str, str, list[str]]]:
-    """Names that a phase mentions: key, name, those allowed there."""
-    for key, found in (("next", phase.next), ("on_timeout", phase.on_timeout), ("on_abort", phase.on_abort)):
-        if found is not None:
-            yield key, found, following
+    """Iterate over the names in a phase: key, name, and names allowed there."""
+    for key, name in (("next", phase.next), ("on_timeout", phase.on_timeout), ("on_abort", phase.on_abort)):
+        if name is not None:
+            yield key, name, following
     until = phase.until or PhaseEnd(time=1.0)
     named = {"captures": phase.captures, "releases": phase.releases}
     named |= {"until.captured": until.captured, "until.released": until.released}
@@ -326,13 +331,13 @@ def _names(
 
 
 def _ends_at_once(phase: Phase) -> bool:
-    """Whether it ends as soon as it begins, if its grasps are as it waits for."""
+    """Whether a phase may end as soon as it begins, because its grasps are captured or released already."""
     until = phase.until
     return until is not None and (until.captured is not None or until.released is not None)
 
 
 def _contradict(phases: list[Phase]) -> bool:
-    """Whether a grasp must be captured for one of them to end, and released for another."""
+    """Whether one phase waits for the capture of a grasp and another for its release."""
     ends = [phase.until for phase in phases if phase.until is not None]
     captured = {name for until in ends for name in until.captured or ()}
     return any(name in captured for until in ends for name in until.released or ())

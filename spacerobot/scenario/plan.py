@@ -1,4 +1,4 @@
-"""The planning problem: what a motion shall come to, what is small on the way, and what must hold."""
+"""Planning problem: duration, goals, costs, limits, and accuracy of the solution."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class TimeRange(Section):
     @model_validator(mode="before")
     @classmethod
     def _given(cls, data: Any) -> Any:
-        """Take a number for two equal limits."""
+        """Convert a number to two equal limits."""
         return {"lower": data, "upper": data} if is_number(data) else data
 
     @model_validator(mode="after")
@@ -58,7 +58,7 @@ class TimeRange(Section):
 
 
 class JointStartRange(Section):
-    """Distance, to both sides, from the scenario's position within which a joint may begin."""
+    """Range of a joint's initial position, to both sides of the scenario's value."""
 
     angle_deg: float | None = quantity("deg", "of a revolute or continuous joint", default=None, gt=0)
     offset: float | None = quantity("m", "of a prismatic joint", default=None, gt=0)
@@ -71,7 +71,7 @@ class JointStartRange(Section):
 
 
 class FreeStart(Section):
-    """Range of the initial posture and placement within which the optimisation chooses."""
+    """Range of a robot's initial posture and base pose, which the optimisation chooses."""
 
     joints: dict[str, JointStartRange] = Field(
         default={}, description="joints that may begin elsewhere, by name; `*` matches any letters"
@@ -93,12 +93,12 @@ class FreeStart(Section):
 
     @property
     def places(self) -> bool:
-        """Whether the base may begin elsewhere."""
+        """Whether the initial base pose is free."""
         return any(self.position) or bool(self.rotation_deg)
 
 
 class PlanChoice(Section):
-    """One of several values, such as mating frames: each is planned, and the best plan is kept."""
+    """Choice among several values, such as mating frames: each is planned, and the best plan is kept."""
 
     paths: Paths = Field(
         description="dotted paths in the scenario that take it: 'plan.goals.mate.frame', 'grasps.left.frame'",
@@ -122,7 +122,7 @@ WHOLE = (
 )
 """Keys that are the same in every phase."""
 PASSED = "passed"
-"""Told of a phase that is not the last one, and may end anywhere."""
+"""Validation context of a phase that is not the last one and may have no goals."""
 
 
 class PlanSection(Section):
@@ -203,42 +203,42 @@ class PlanSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _absent(cls, data: Any) -> Any:
-        """Leave out what only phases give."""
+        """Remove null values of keys that may be defined by phases only."""
         if not isinstance(data, dict):
             return data
         return {key: one for key, one in data.items() if one is not None or key not in ("duration", "costs")}
 
     @field_validator("costs", "limits", mode="before")
     @classmethod
-    def _whole_sections(cls, data: Any, info: ValidationInfo) -> Any:
-        """Give each entry its kind, and a number or list the key that it stands for; leave out nulls."""
+    def _complete_sections(cls, data: Any, info: ValidationInfo) -> Any:
+        """Convert numbers and lists to sections, add missing kinds, and remove null entries."""
         if not isinstance(data, dict):
             return data
-        found = dict[Any, Any]()
+        entries = dict[Any, Any]()
         for name, one in data.items():
             if isinstance(one, int | float | list | tuple) and not isinstance(one, bool):
                 kind = PlanCost if info.field_name == "costs" else find_kind("plan_limit", str(name))
-                short = getattr(kind, "short", None)  # an unknown kind is refused with the near names
-                found[name] = {"kind": str(name)} | ({short: one} if short else {})
+                short = getattr(kind, "short", None)  # validation reports an unknown kind
+                entries[name] = {"kind": str(name)} | ({short: one} if short else {})
             elif isinstance(one, dict):
-                found[name] = {"kind": str(name)} | one
+                entries[name] = {"kind": str(name)} | one
             elif one is not None:
-                found[name] = one
-        return found
+                entries[name] = one
+        return entries
 
     @field_serializer("costs", "limits")
     def _short(self, value: dict[str, PlanCost | PlanLimit], info: FieldSerializationInfo) -> dict[str, Any]:
-        """Form in which a user writes the value: a number or list alone where no other key is set."""
-        found = dict[str, Any]()
+        """Short form as users write it: a number or list if no other key is set."""
+        entries = dict[str, Any]()
         for name, one in value.items():
             document = one.model_dump(mode=info.mode, exclude_none=info.exclude_none)
             defaults = {
                 key: field.get_default() for key, field in type(one).model_fields.items() if key != "kind"
             }
-            said = {key for key, default in defaults.items() if getattr(one, key) != default}
-            short = one.short if one.kind == name and said == {one.short} else None
-            found[name] = document[short] if short else document
-        return found
+            changed = {key for key, default in defaults.items() if getattr(one, key) != default}
+            short = one.short if one.kind == name and changed == {one.short} else None
+            entries[name] = document[short] if short else document
+        return entries
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> PlanSection:
@@ -258,7 +258,7 @@ class PlanSection(Section):
         return self
 
     def _check_phases(self) -> PlanSection:
-        """Each phase is judged and filled as a section of its own is."""
+        """Validate each phase, merged with the section, and fill in its defaults."""
         if self.goals:
             names = ", ".join(self.phases)
             raise ValueError(
@@ -278,14 +278,14 @@ class PlanSection(Section):
         return self.model_copy(update={"phases": phases})
 
     def _base(self) -> dict[str, Any]:
-        """Plain form of what phases are laid over."""
+        """Plain document with which phases are merged."""
         return self.model_dump(mode="json", exclude={"phases"}, exclude_none=True)
 
     @staticmethod
     def _laid_over(
         base: dict[str, Any], changes: dict[str, Any], context: str | None = PASSED
     ) -> PlanSection:
-        """Section of a plain form with changes, without what is null."""
+        """Section of a plain document with changes; null entries are removed."""
         document = overlay(base, changes)
         for key in ("keep_out", "approach_cones", "line_of_sight"):
             if isinstance(document[key], dict):
@@ -293,18 +293,18 @@ class PlanSection(Section):
         return PlanSection.model_validate(document, context=context)
 
     def every_limit(self) -> Iterator[tuple[str, str, PlanLimit]]:
-        """Section, name and limit of each, those of sections that are named after their kind too."""
+        """Iterate over all limits: key of the section, name, limit."""
         for section in ("limits", "keep_out", "approach_cones", "line_of_sight"):
             for name, limit in getattr(self, section).items():
                 yield section, name, limit
 
     @property
     def by_phase(self) -> dict[str, PlanSection]:
-        """Sections of the phases by name, each without phases; this one, of no name, where there are none."""
+        """Sections of the phases by name; without phases, this section with an empty name."""
         if not self.phases:
             return {"": self}
-        base, found = self._base(), {}
+        base, by_phase = self._base(), {}
         for name, changes in self.phases.items():
-            found[name] = self._laid_over(base, changes)
-            base["start"] = {}  # only the first one begins where the scenario does
-        return found
+            by_phase[name] = self._laid_over(base, changes)
+            base["start"] = {}  # the initial state is free in the first phase only
+        return by_phase

@@ -1,4 +1,4 @@
-"""Costs: what a planned motion minimises, a weighted sum of quantities."""
+"""Terms of a plan's cost, a weighted sum of quantities."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 
 class PlanCost(Section):
-    """A term of the cost: a registered quantity of the motion, a root by its squares.
+    """A term of the cost: a registered quantity of the motion, or its square for an RMS quantity.
 
-    In a scenario a number alone is its ``weight``, and the key is its kind where the section names none:
-    ``torque: 0.05`` is ``torque: {kind: torque, weight: 0.05}``.
+    In a scenario, a number is the ``weight``, and the key is the kind if the section has none: ``torque:
+        0.05``
+    is ``torque: {kind: torque, weight: 0.05}``.
     """
 
     short: ClassVar[str] = "weight"
@@ -34,15 +35,14 @@ class PlanCost(Section):
 
     @property
     def weighs(self) -> Quantity:
-        """The quantity."""
+        """Quantity of the term."""
         return planned()[self.kind]
 
     def columns(self, instant: PlanInstant) -> Columns:
-        """Columns of the quantity, entries times their factors or the factors' roots.
+        """Columns of the quantity, multiplied by the factors, or by their square roots for an RMS quantity.
 
         Raises:
-            ScenarioError: If a factor is of no component, or the scene has nothing that the quantity
-                describes.
+            ScenarioError: If a factor matches no component.
         """
         columns, factors = self.weighs.columns(instant), dict[str, float]()
         if not self.factors:
@@ -60,5 +60,5 @@ class PlanCost(Section):
         }
 
     def expression(self, instant: PlanInstant) -> ca.SX:
-        """Integrand, or cost of the last instant, without the weight (1x1)."""
+        """Integrand, or terminal cost at the last instant, without the weight (1x1)."""
         return ca.sum1(self.weighs.entries(self.columns(instant)).values)

@@ -1,7 +1,7 @@
-"""Sections whose keys are those of registered quantities: limits, constraints, weights of an objective.
+"""Sections with a key for each registered quantity: limits, constraints, weights of an objective.
 
-Annotations here are objects, not strings: pydantic before 2.13 evaluates ``__pydantic_extra__`` in the module
-of the subclass.
+The annotations are objects instead of strings, since pydantic before 2.13 evaluates ``__pydantic_extra__`` in
+the module of the subclass.
 """
 
 from collections.abc import Collection, Mapping
@@ -16,7 +16,7 @@ from spacerobot.quantities import Quantity, limited, weighted
 
 
 class QuantityNumbers(Section):
-    """A number for each quantity that is named; every registered quantity, also a plugin's, has a key."""
+    """Numbers by the keys of registered quantities, including those of plugins."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
@@ -32,18 +32,20 @@ class QuantityNumbers(Section):
 
     @classmethod
     def known_keys(cls) -> Collection[str]:
-        """Keys of fields and of quantities."""
+        """Keys of the fields and of the quantities."""
         return [*cls.model_fields, *cls.quantities()]
 
     @classmethod
     def unit_of(cls, key: str, *, rotation: bool = False) -> str | None:
-        """Unit of a field's or a quantity's number."""
-        known = cls.quantities()
-        return cls.described(known[key])[0] if key in known else super().unit_of(key, rotation=rotation)
+        """Unit of the number of a field or quantity; see :meth:`Section.unit_of`."""
+        quantities = cls.quantities()
+        if key in quantities:
+            return cls.described(quantities[key])[0]
+        return super().unit_of(key, rotation=rotation)
 
     @property
     def given(self) -> dict[str, float]:
-        """Numbers that are given, by the quantities' names, in the order of the registry."""
+        """Numbers in the scenario by the quantities' names, in the order of the registry."""
         values = self.model_extra or {}
         return {
             each.name: values[key] for key, each in self.quantities().items() if values.get(key) is not None
@@ -69,14 +71,14 @@ class QuantityNumbers(Section):
 
 
 class QuantityLimits(QuantityNumbers):
-    """Largest values of quantities."""
+    """Upper limits of quantities."""
 
     if not TYPE_CHECKING:  # pydantic's annotation of values, which type checkers take for a field
         __pydantic_extra__: dict[str, Annotated[float, Field(gt=0)] | None]
 
     @classmethod
     def quantities(cls) -> Mapping[str, Quantity]:
-        """Quantities that can be bounded."""
+        """Quantities with a limit, by the key of the limit."""
         return limited()
 
 
@@ -88,10 +90,10 @@ class QuantityWeights(QuantityNumbers):
 
     @classmethod
     def quantities(cls) -> Mapping[str, Quantity]:
-        """Quantities that an objective can weigh."""
+        """Quantities with a weight, by the key of the weight."""
         return weighted()
 
     @classmethod
     def described(cls, quantity: Quantity) -> tuple[str, str]:
-        """A weight has a unit of its own."""
+        """Unit and description of a quantity's weight."""
         return quantity.weight_unit("objective"), f"weight: {quantity.description}"

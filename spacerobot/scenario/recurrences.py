@@ -1,7 +1,7 @@
-"""Bounds on how often something happens in a simulation: samples, decisions, plans, steps.
+"""Limits on the number of samples, updates, plans and steps in a simulation.
 
-A field states by ``recurs`` of :func:`spacerobot.common.section.quantity` how often its time may fit into the
-simulated one. Without a bound, a period of 1e-12 s would ask for more memory and time than there is.
+The argument ``recurs`` of :func:`spacerobot.common.section.quantity` is the maximum number of a field's
+period in the simulated time. Without it, a period of 1e-12 s would exhaust memory and time.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from spacerobot.common.section import RECURS, Section
 
 
 def check_recurrences(scenario: Section, duration_s: float) -> None:
-    """Refuse periods and steps that are too short for the simulated time.
+    """Check that periods and steps are not too short for the simulated time.
 
     Args:
-        scenario: Section that is searched with everything in it.
+        scenario: Section that is searched, including all sections in it.
         duration_s: Simulated time [s].
 
     Raises:
-        ValueError: Its text begins with the dotted path.
+        ValueError: If a period or step is too short; the message begins with the dotted path.
     """
     for path, time, most in recurring(scenario, ""):
         if duration_s / time > most:
@@ -32,7 +32,7 @@ def check_recurrences(scenario: Section, duration_s: float) -> None:
 
 
 def recurring(value: Any, path: str) -> Iterator[tuple[str, float, float]]:
-    """Dotted path, time [s] and largest number of every field that recurs."""
+    """Iterate over the periods and steps of a section: dotted path, time [s], maximum number."""
     if isinstance(value, Section):
         for name, field in type(value).model_fields.items():
             inner, place = getattr(value, name), f"{path}.{name}" if path else name

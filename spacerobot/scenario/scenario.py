@@ -1,4 +1,4 @@
-"""The whole scenario: what is simulated, from where, how, and for how long."""
+"""Scenario: robots, target, grasps, environment, phases, simulation, and sections of jobs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spacerobot.common.section import MAX_SAMPLES, MAX_STEPS, Name, Section, Vec
 from spacerobot.scenario.bodies import Base, Robot, Target
 from spacerobot.scenario.campaign import Campaign
 from spacerobot.scenario.element_fields import CollisionShape, Contact, Environment, Grasp
-from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick, without_resting
+from spacerobot.scenario.merge import check_changes, expand_names, overlay, pick, without_disabled
 from spacerobot.scenario.paths import Document
 from spacerobot.scenario.phases import Phase, check_phases, check_planned
 from spacerobot.scenario.plan import PlanSection
@@ -67,7 +67,7 @@ class Simulation(Section):
 
 
 class Scenario(Section):
-    """Robots, the target, the grasps that join them, and the simulation."""
+    """Complete description of a simulation and of the jobs that use it."""
 
     name: Name = Field(default="scenario", description="name of the scenario; that of its file if not given")
     description: str = Field(default="", description="what it shows, for people")
@@ -91,7 +91,7 @@ class Scenario(Section):
     plan: PlanSection | None = Field(default=None, description="the planning problem")
 
     def __repr__(self) -> str:
-        """Name and names of what it holds, in one line."""
+        """Name of the scenario and names of its robots and grasps, in one line."""
         robots, grasps = ", ".join(self.robots), ", ".join(self.grasps) or "none"
         return f"<Scenario {self.name}: robots {robots}; grasps {grasps}>"
 
@@ -127,7 +127,7 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _check_fall(self) -> Scenario:
-        falling = [f"environment.{name}" for name, found in self.environment.items() if found.falls]
+        falling = [f"environment.{name}" for name, kind in self.environment.items() if kind.falls]
         if len(falling) > 1:
             raise ValueError(f"{falling[1]}: the world's origin falls with {falling[0]}; give one of them")
         if falling and any(self.gravity):
@@ -138,7 +138,7 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _check_phases(self) -> Scenario:
-        """Merge each phase with the scenario, so that it is judged and filled as a scenario is."""
+        """Validate each phase, merged with the scenario, and fill in its defaults."""
         if self.plan is not None:
             check_planned(list(self.plan.phases), self.phases)
         if not self.phases:
@@ -161,17 +161,17 @@ class Scenario(Section):
         return self.model_copy(update={"phases": phases})
 
     def _base(self) -> Document:
-        """Plain form of what phases are laid over."""
+        """Plain document with which phases are merged."""
         return self.model_dump(mode="json", exclude={"phases", "tuning", "campaign", "plan"})
 
     def body_label(self, body: str) -> str:
-        """Name under which figures, pages and tables show a body: a robot's own, a target's URDF.
+        """Displayed name of a body in figures, pages and tables.
 
         Args:
             body: Name of a robot, or ``target``.
 
         Returns:
-            str: The robot's name. For ``target`` the name of its URDF file without its suffixes; ``object``
+            str: Name of the robot. For ``target``, the name of its URDF file without suffixes, or ``object``
                 if a robot has that name.
         """
         if body != "target" or self.target is None:
@@ -180,10 +180,10 @@ class Scenario(Section):
         return "object" if not name or name in self.robots else name
 
     def during(self, phase: str) -> Scenario:
-        """Scenario as it is in a phase, which has no phases itself."""
+        """Scenario of a phase: the scenario with the phase's changes, without phases."""
         return self._laid_over(self._base(), self.phases[phase].changes)
 
     @staticmethod
     def _laid_over(base: Document, changes: Document) -> Scenario:
-        """Scenario of a plain form with changes, without the controllers that rest."""
-        return Scenario.model_validate(without_resting(overlay(base, changes)))
+        """Scenario of a plain document with changes, without disabled controllers."""
+        return Scenario.model_validate(without_disabled(overlay(base, changes)))

@@ -1,4 +1,4 @@
-"""The sensors of a robot, one for each signal that a controller may read."""
+"""Sensors of a robot, one for each signal that controllers may read."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spacerobot.scenario.element_fields import Sensor
 
 
 def signal(unit: str, description: str) -> Any:
-    """Field of the sensor of a signal; ideal, a linear sensor without errors, if the scenario gives none."""
+    """Field of a signal's sensor; by default an ideal sensor, which is a linear sensor without errors."""
     return quantity(unit, description, default={"kind": "linear"}, validate_default=True)
 
 
@@ -88,5 +88,5 @@ class Sensors(Section):
 
     def __getitem__(self, signal: str) -> Sensor:
         """Sensor of a signal."""
-        found: Sensor = getattr(self, signal)
-        return found
+        sensor: Sensor = getattr(self, signal)
+        return sensor

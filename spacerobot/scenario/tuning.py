@@ -1,4 +1,4 @@
-"""The tuning problem: which numbers of the scenario are free, and what a good choice of them is."""
+"""Tuning problem: design variables, objective, constraints, margins and budgets."""
 
 from __future__ import annotations
 

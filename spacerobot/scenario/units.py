@@ -12,25 +12,25 @@ from spacerobot.scenario.scenario import Scenario
 
 
 def unit_at(scenario: Scenario, path: str) -> str:
-    """Unit of the number at a dotted path without ``*``: ``kg``, ``1``; ``SI`` where it has no one name.
+    """Unit of the number at a dotted path, such as ``kg`` or ``1``; ``SI`` if its field has no unit.
 
     Args:
-        scenario: A resolved scenario that holds the path.
-        path: As :func:`spacerobot.scenario.paths.expand` gives them.
+        scenario: A resolved scenario.
+        path: Dotted path without ``*``, from :func:`spacerobot.scenario.paths.expand`.
     """
     unit = "SI"
     for section, key, turns in _fields(scenario, path):
         field_unit = section.unit_of(key, rotation=turns)
-        # a sensor's calibration is in the unit of what it measures
+        # the calibration of a sensor has the unit of its signal
         if field_unit is not None and field_unit != SIGNALS_UNIT:
             unit = field_unit
     return unit
 
 
 def limits_at(scenario: Scenario, path: str) -> tuple[float, float]:
-    """Lowest and highest number that the schema allows at a path; infinite where it has no limit.
+    """Lower and upper limit of the number at a dotted path in the schema; infinite without a limit.
 
-    A limit that is itself not allowed, as the zero of a mass, is given too.
+    Open limits, such as zero for a mass, are returned in the same way as closed ones.
 
     Args:
         scenario, path: As for :func:`unit_at`.
@@ -44,14 +44,14 @@ def limits_at(scenario: Scenario, path: str) -> tuple[float, float]:
 
 
 def _fields(scenario: Scenario, path: str) -> Iterator[tuple[type[Section], str, bool]]:
-    """Sections along a path, each with the key and whether that is a controller's of rotation."""
+    """Iterate over the sections along a path: class, key, and whether it is that of a rotation controller."""
     keys = path.split(".", 3)
     if keys[0] == "phases" and keys[2] in ("robots", "target", "grasps"):
         scenario, path = scenario.during(keys[1]), path.removeprefix(f"phases.{keys[1]}.")
     node: Any = scenario
     turns = False
     while path:
-        # a key that itself holds dots is one segment
+        # a key with dots is one segment
         longer = [key for key in node if f"{path}.".startswith(f"{key}.")] if isinstance(node, dict) else []
         key = max(longer, key=len, default=path.partition(".")[0])
         path = path[len(key) + 1 :]

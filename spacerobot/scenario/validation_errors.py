@@ -1,4 +1,4 @@
-"""pydantic's errors in one line: dotted path, what was found, what is allowed."""
+"""Conversion of pydantic's errors to one line with dotted path, value and allowed values."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ _ALLOWED = {
     "less_than": "below {lt:g}",
     "less_than_equal": "at most {le:g}",
 }
-"""What is allowed, by the type of pydantic's error; its own sentence stands for types that are not here."""
+"""Allowed values by the type of pydantic's error; for other types, pydantic's own message is used."""
 
 _PATTERNS = {
     r"^[A-Za-z_][A-Za-z0-9_-]*$": "letters, digits, _ and -, with a letter or _ in front",
     r"^[^/]+/[^/]+$": "robot/tip",
 }
-"""What a pattern of the schema means."""
+"""Meaning of patterns in the schema."""
 
 
 def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
-    """Dotted path and one line for one of pydantic's errors."""
-    # dotted path of a place in the document, from pydantic's; its last key may be what is missing there
+    """Dotted path and message of one of pydantic's errors."""
+    # pydantic's location, without entries for union members; its last key may be missing in the document
     location = error["loc"]
     path: list[str] = []
     node: Any = document
@@ -52,23 +52,23 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
         if key == "[key]":
             continue
         if isinstance(node, int | float | str) or (isinstance(node, list | tuple) and isinstance(key, str)):
-            break  # stands for a section
+            break  # a value in place of a section
         path.append(str(key))
         if isinstance(node, dict):
             node = node.get(key)
         else:
             inside = isinstance(node, list | tuple) and isinstance(key, int) and key < len(node)
             node = node[key] if inside else None
-    kind, given = str(error["type"]), error["input"]
+    kind, value = str(error["type"]), error["input"]
     message = str(error["msg"]).removeprefix("Value error, ")
     if kind == "missing" and path and path[-1].isdecimal():
-        return ".".join(path[:-1]), f"found {_short(given)}, allowed: a longer list"
+        return ".".join(path[:-1]), f"found {_short(value)}, allowed: a longer list"
     if kind == "missing":
         return ".".join(path), "missing"
     if kind == "unknown_kind":
         return ".".join([*path, "kind"]), message
     if kind == "value_error":
-        named = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a check that names a key of its section
+        named = re.match(r"([\w*.-]+): (.*)", message, re.DOTALL)  # a message that begins with a key
         if named:
             path, message = [*path, named[1]], named[2]
         return ".".join(path), message
@@ -78,8 +78,8 @@ def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:
     else:
         allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else None
     if allowed is None:
-        return ".".join(path), f"{message[:1].lower()}{message[1:]}, found {_short(given)}"
-    return ".".join(path), f"found {_short(given)}, allowed: {allowed}"
+        return ".".join(path), f"{message[:1].lower()}{message[1:]}, found {_short(value)}"
+    return ".".join(path), f"found {_short(value)}, allowed: {allowed}"
 
 
 def _short(value: Any) -> str:
@@ -87,6 +87,6 @@ def _short(value: Any) -> str:
         return "null"
     try:
         text = repr(value)
-    except ValueError:  # Python writes no whole numbers of more than 4300 digits
+    except ValueError:  # Python refuses to print integers of more than 4300 digits
         return "a number of thousands of digits"
     return text if len(text) <= 60 else text[:57] + "..."

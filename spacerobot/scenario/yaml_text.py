@@ -1,4 +1,4 @@
-"""YAML as scenario files use it: the core schema of YAML 1.2, plain values only, each key once."""
+"""YAML of scenario files: core schema of YAML 1.2, plain values only, without duplicate keys."""
 
 from __future__ import annotations
 
@@ -15,24 +15,23 @@ _CORE = (
     ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", list("-+.")),
     ("merge", r"<<", ["<"]),
 )
-"""What a plain scalar is read as: tag, pattern, first characters.
+"""Resolution of plain scalars: tag, pattern, first characters.
 
-YAML 1.1, which PyYAML reads by itself, takes ``010`` for 8, ``1:30`` for 90, ``no`` for false and ``1e-3``
-for a text.
+PyYAML's default, YAML 1.1, reads ``010`` as 8, ``1:30`` as 90, ``no`` as false and ``1e-3`` as a text.
 """
 
 
 class Loader(yaml.SafeLoader):
-    """Safe loader of the core schema that refuses a key given twice."""
+    """Safe loader with the core schema, which rejects duplicate keys."""
 
-    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 (PyYAML's own way; filled below)
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 (required by PyYAML; filled below)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Mapping whose keys are names, each given once; keys merged in by ``<<`` may be given again."""
+        """Mapping of a node; keys must be unique texts, but may override keys merged by ``<<``."""
         if not isinstance(node, yaml.MappingNode):  # tagged !!map
             message = f"found a {node.id}, which is no mapping"
             raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
-        seen: set[Any] = set()
+        keys: set[Any] = set()
         for key_node, _ in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":
                 continue
@@ -41,15 +40,15 @@ class Loader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(
                     None, None, f"keys are names, found {key!r}", key_node.start_mark
                 )
-            if key in seen:
+            if key in keys:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"key {key!r} is given twice", key_node.start_mark
                 )
-            seen.add(key)
+            keys.add(key)
         return super().construct_mapping(node, deep=deep)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Value of a node; a tag that does not fit its text, such as ``!!bool maybe``, is refused."""
+        """Value of a node; a text that contradicts its tag, such as ``!!bool maybe``, is an error."""
         try:
             return super().construct_object(node, deep=deep)
         except (ValueError, KeyError, IndexError, TypeError, OverflowError):
@@ -58,11 +57,11 @@ class Loader(yaml.SafeLoader):
             raise yaml.constructor.ConstructorError(None, None, message, node.start_mark) from None
 
     def construct_int(self, node: yaml.ScalarNode) -> int:
-        """Whole number in decimal digits, zeros in front or not."""
+        """Integer of decimal digits, with or without leading zeros."""
         return int(self.construct_scalar(node))
 
     def refuse(self, node: yaml.Node) -> Any:
-        """Refuse what is no plain value.
+        """Reject a value that is not plain, such as a timestamp.
 
         Raises:
             yaml.constructor.ConstructorError: Always.
@@ -73,22 +72,22 @@ class Loader(yaml.SafeLoader):
 
 
 class Dumper(yaml.SafeDumper):
-    """Dumper without aliases, with lists of plain values on one line and texts of several lines as blocks.
+    """Dumper without aliases, with lists of plain values on one line and multi-line texts as blocks.
 
-    It puts in quotes what either schema would take for something else than a text.
+    Texts that YAML 1.1 or the core schema would read as another type are quoted.
     """
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (the base class fixes the signature)
-        """Write everything out."""
+        """Whether to write a value in full instead of an alias: always."""
         return True
 
     def represent_plain_list(self, items: list[Any]) -> yaml.SequenceNode:
-        """List, on one line if nothing in it is a list or a mapping."""
+        """Node of a list, on one line if it contains no lists or mappings."""
         flat = all(not isinstance(item, dict | list) for item in items)
         return self.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flat)
 
     def represent_text(self, text: str) -> yaml.ScalarNode:
-        """Text, line by line if it has several."""
+        """Node of a text, as a block if it has several lines."""
         return self.represent_scalar("tag:yaml.org,2002:str", text, style="|" if "\n" in text else None)
 
 
@@ -103,7 +102,7 @@ Dumper.add_representer(str, Dumper.represent_text)
 
 
 def describe(fault: yaml.MarkedYAMLError) -> tuple[str | None, str]:
-    """Place and one line for a fault of the YAML itself."""
+    """Place and message of a YAML syntax error."""
     mark = fault.problem_mark or fault.context_mark
     where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
     message = fault.problem or "not YAML"

@@ -20,7 +20,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ResultError
 from spacerobot.result import Result, Summary, check_folder, note_derived
 from spacerobot.result.ledger import build_ledger
-from spacerobot.result.metrics import _turned, body_motion, greatest_torque, tip_errors
+from spacerobot.result.metrics import _unwrapped_angle, body_motion, greatest_torque, tip_errors
 from spacerobot.result.store import FILES
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -177,7 +177,7 @@ def test_whole_turns_count_in_space_as_in_a_plane():
     angle = np.radians(480) * np.sin(np.linspace(0, 2.2, count))  # and back a little
     axis = np.array([1.0, 2.0, 2.0]) / 3
     shortest = (angle + np.pi) % (2 * np.pi) - np.pi
-    turned = _turned(shortest[:, None] * axis)
+    turned = _unwrapped_angle(shortest[:, None] * axis)
     np.testing.assert_allclose(turned, np.abs(angle), atol=1e-12)
 
 

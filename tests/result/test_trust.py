@@ -8,7 +8,14 @@ import pytest
 from spacerobot.cli.commands.run import fail_if_diverged
 from spacerobot.common.errors import DivergedError
 from spacerobot.result import Result
-from spacerobot.result.trust import LEAST_ENERGY, LEAST_MOMENTUM, MOST_DRIFT, MOST_RESIDUAL, judge, warning
+from spacerobot.result.trust import (
+    LEAST_ENERGY,
+    LEAST_MOMENTUM,
+    MOST_DRIFT,
+    MOST_RESIDUAL,
+    check_trust,
+    warning,
+)
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles import one_arm
@@ -41,12 +48,12 @@ def rough(tmp_path_factory):
 
 
 def test_the_limits_are_the_stated_ones():
-    assert judge(True, ledger(drift=MOST_DRIFT, residual=MOST_RESIDUAL), "x") == {
+    assert check_trust(True, ledger(drift=MOST_DRIFT, residual=MOST_RESIDUAL), "x") == {
         "trusted": True,
         "open": [],
         "advice": None,
     }
-    found = judge(True, ledger(drift=0.32, residual=0.038), "shorter")
+    found = check_trust(True, ledger(drift=0.32, residual=0.038), "shorter")
     assert found == {
         "trusted": False,
         "open": ["momentum drift 32 % linear, 32 % angular", "energy residual 3.8 %"],
@@ -56,14 +63,14 @@ def test_the_limits_are_the_stated_ones():
 
 def test_rounding_in_a_scene_at_rest_is_no_doubt_and_no_number_is():
     rest = ledger(MOST_DRIFT * LEAST_MOMENTUM, 1e-12, MOST_RESIDUAL * LEAST_ENERGY, 1e-12)
-    assert judge(True, rest, "")["trusted"]
-    assert not judge(True, ledger(residual=float("nan")), "")["trusted"]
+    assert check_trust(True, rest, "")["trusted"]
+    assert not check_trust(True, ledger(residual=float("nan")), "")["trusted"]
 
 
 def test_momentum_that_is_not_constant_is_not_judged_and_a_diverged_rollout_is_not_trusted():
     held = ledger() | {"momentum": {"conserved": False, "reason": "gravity"}}
-    assert judge(True, held, "")["trusted"]
-    assert judge(False, ledger(drift=9.0), "") == {"trusted": False, "open": [], "advice": None}
+    assert check_trust(True, held, "")["trusted"]
+    assert check_trust(False, ledger(drift=9.0), "") == {"trusted": False, "open": [], "advice": None}
 
 
 def test_an_open_ledger_is_told_in_status_summary_page_and_report(rough, undrawn):

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from spacerobot.common.arrays import Array
 from spacerobot.result import Result
-from spacerobot.result.ledger import SMALLEST, kept_momentum, work_text, works_of
+from spacerobot.result.ledger import SMALLEST, conserved_momentum, work_text, works_of
 from viz.figures.kind import figure
 from viz.figures.style import Drawing, legend_over, line, panels, styled, until
 
@@ -90,7 +90,7 @@ def energy_astray(result: Result) -> Array:
 
 def relative_drift(result: Result, kind: str) -> Array:
     """Drift of the ``linear`` or ``angular`` momentum, over what the summary's ledger divides it by."""
-    total, ledger = kept_momentum(result.data, kind).values, result.summary["ledger"]["momentum"]
+    total, ledger = conserved_momentum(result.data, kind).values, result.summary["ledger"]["momentum"]
     momentum: Mapping[str, Any] = ledger["linear"] if kind == "linear" else ledger["angular"]
     (largest,) = (value for key, value in momentum.items() if key.startswith("largest_partial_"))
     drift = np.linalg.norm(total - total[0], axis=-1)
