@@ -125,7 +125,11 @@ def panda_arm_urdf(name: str = "panda_arm") -> str:
 
     Its root link is to be mounted on a bus. The frame ``tip`` lies at the flange, its x axis out of it.
     """
-    links = x.link("panda_link0", _BASE, x.seen(x.cylinder(0.08, 0.14), "graphite", x.origin((0, 0, 0.07))))
+    links = x.link(
+        "panda_link0",
+        _BASE,
+        x.visual_and_collision(x.cylinder(0.08, 0.14), "graphite", x.origin((0, 0, 0.07))),
+    )
     joints: list[str] = []
     for i, part in enumerate(_LINKS, start=1):
         large = i <= 4
@@ -133,7 +137,9 @@ def panda_arm_urdf(name: str = "panda_arm") -> str:
         links += x.link(
             f"panda_link{i}",
             x.inertial(part.mass_kg, part.moments, part.com_m, part.products),
-            x.seen(x.cylinder(0.06 if large else 0.045, part.to_m - part.from_m), "white", place),
+            x.visual_and_collision(
+                x.cylinder(0.06 if large else 0.045, part.to_m - part.from_m), "white", place
+            ),
         )
         joints += x.revolute(
             f"panda_joint{i}",

@@ -47,7 +47,7 @@ def servicer_urdf(name: str = "servicer") -> str:
     # box of 460 kg with two panels of 20 kg; inertias are those of this assembly, rounded
     wings: list[str] = []
     for sign in (1, -1):
-        wings += x.seen(x.box((0.8, 2.0, 0.03)), "panel", x.origin((-0.4, sign * 1.8, 0)))
+        wings += x.visual_and_collision(x.box((0.8, 2.0, 0.03)), "panel", x.origin((-0.4, sign * 1.8, 0)))
         wings += x.shape("visual", x.box((0.06, 0.2, 0.06)), "silver", x.origin((-0.4, sign * 0.7, 0)))
     dish = x.shape("visual", x.cylinder(0.35, 0.06), "white", x.origin((-0.2, 0, 0.68)))
     mast = x.shape("visual", x.cylinder(0.03, 0.1), "silver", x.origin((-0.2, 0, 0.62)))
@@ -55,7 +55,7 @@ def servicer_urdf(name: str = "servicer") -> str:
     body = x.link(
         "base",
         x.inertial(500.0, (245.0, 150.0, 285.0), (-0.03, 0, 0)),
-        x.seen(x.box((1.5, 1.2, 1.2)), "gold"),
+        x.visual_and_collision(x.box((1.5, 1.2, 1.2)), "gold"),
         wings,
         dish,
         mast,
@@ -74,7 +74,7 @@ def servicer_urdf(name: str = "servicer") -> str:
             lines += x.link(
                 f"{side}_link_{index}",
                 x.inertial(part.mass_kg, (round(along, 6), round(across, 6), round(across, 6)), middle),
-                x.seen(
+                x.visual_and_collision(
                     x.cylinder(part.radius_m, part.length_m),
                     part.colour,
                     x.origin(middle, (0, math.pi / 2, 0)),
@@ -112,7 +112,7 @@ def bus_urdf(name: str = "bus") -> str:
     """
     wings: list[str] = []
     for sign in (1, -1):
-        wings += x.seen(x.box((0.7, 1.6, 0.03)), "panel", x.origin((-0.2, sign * 1.5, 0)))
+        wings += x.visual_and_collision(x.box((0.7, 1.6, 0.03)), "panel", x.origin((-0.2, sign * 1.5, 0)))
         wings += x.shape("visual", x.box((0.05, 0.1, 0.05)), "silver", x.origin((-0.2, sign * 0.65, 0)))
     nozzle = x.shape(
         "visual", x.cylinder(0.2, 0.12), "graphite", x.origin((-0.66, 0, 0), (0, math.pi / 2, 0))
@@ -124,7 +124,7 @@ def bus_urdf(name: str = "bus") -> str:
         x.link(
             "base",
             x.inertial(300.0, (160.0, 66.0, 163.0)),
-            x.seen(x.box((1.2, 1.2, 1.2)), "gold"),
+            x.visual_and_collision(x.box((1.2, 1.2, 1.2)), "gold"),
             wings,
             nozzle,
         ),
@@ -157,7 +157,7 @@ def satellite_box_urdf(name: str = "satellite_box") -> str:
         x.link(
             "body",
             x.inertial(mass, [round(value, 4) for value in inertia]),
-            x.seen(x.box(size), "silver"),
+            x.visual_and_collision(x.box(size), "silver"),
             patches,
             nozzle,
             ring,

@@ -1,4 +1,4 @@
-"""Descriptions of robots and objects: find, read, check and write URDF."""
+"""Descriptions of robots and objects: search, reading, checks and writing of URDF and MJCF."""
 
 from spacerobot.description.find import find_urdf, shipped_names, shipped_urdf_folder
 from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink

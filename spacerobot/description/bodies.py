@@ -1,4 +1,4 @@
-"""Links that fixed joints weld together move as one body, and that body needs mass and inertia."""
+"""Rigid bodies of links joined by fixed joints, and checks of their mass and inertia."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DescriptionError
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 
-_ROUNDING = 1e-9  # relative; files print inertias with few digits
-_TINY_BASE = 1e-3  # of another link's mass or inertia
+_ROUNDING = 1e-9  # relative; files have inertias with few digits
+_TINY_BASE = 1e-3  # mass or inertia of a base relative to another body, below which a warning is issued
 
 
 @dataclass(eq=False)
 class RigidBody:
-    """Links welded together, named after the uppermost; kg, and kg m^2 about the common centre of mass.
+    """Links joined by fixed joints.
 
     Attributes:
-        name, mass, inertia: Its name, mass and inertia.
-        extent: Sum of its links' masses by the square of their distances from its origin [kg m^2]: beside
-            this, their inertias are rounded.
-        joint: Name of the joint that moves it, or that this one mimics; None for the base.
-        carries: Whether anything with mass moves behind it.
+        name: Name of the link nearest to the base.
+        mass: Mass [kg].
+        inertia: Inertia about the common centre of mass, axes of the named link (3, 3) [kg m^2].
+        extent: Sum over the links of mass times squared distance from the body's origin [kg m^2], the scale
+            of rounding errors in ``inertia``.
+        joint: Name of the joint that moves the body, or of the joint that this one mimics; None for the base.
+        carries: Whether a body with mass is connected to it further along the chain.
     """
 
     name: str
@@ -37,7 +39,7 @@ class RigidBody:
 
 
 def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: str) -> list[RigidBody]:
-    """Bodies that move as one, the base first; each named after its uppermost link."""
+    """Rigid bodies of a description, the base first."""
     by_name = {link.name: link for link in links}
     below: dict[str, list[UrdfJoint]] = {link.name: [] for link in links}
     for joint in joints:
@@ -48,14 +50,14 @@ def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: 
     while tops:
         top, merged, parent = tops.pop()
         group = [(by_name[top], np.eye(4))]
-        for link, placement in group:  # grows while it is walked
+        for link, placement in group:  # the list grows during the loop
             for joint in below[link.name]:
                 if joint.kind == "fixed":
                     group.append((by_name[joint.child], placement @ joint.origin))
                 else:
                     moved_by = joint.mimic.joint if joint.mimic else joint.name
                     tops.append((joint.child, moved_by, len(bodies)))
-        # sum of rigid bodies by the parallel-axis theorem
+        # inertia about the common centre of mass by the parallel-axis theorem
         mass = sum(link.mass for link, _ in group)
         centres = [placement[:3, :3] @ link.com + placement[:3, 3] for link, placement in group]
         moment = sum((link.mass * c for (link, _), c in zip(group, centres, strict=True)), np.zeros(3))
@@ -74,15 +76,20 @@ def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: 
 
 
 def check_bodies(bodies: Sequence[RigidBody], source: Path, *, floating: bool) -> None:
-    """Check what moves for mass, and for inertias that are not negative.
+    """Check that moving bodies have mass and inertias that are not negative.
 
-    Links that are welded together are judged by their sum. A body without any mass may stand between the
-    joints of a chain. A base that does not float is not judged. Whether something with inertia resists every
-    joint depends on the posture, and is judged with the scene.
+    A body without mass is allowed between two joints of a chain. A fixed base is not checked. Whether every
+    joint moves some inertia depends on the posture and is checked with the scene.
+
+    Args:
+        bodies: Rigid bodies, the base first.
+        source: File for error messages.
+        floating: Whether the base floats.
 
     Raises:
-        DescriptionError: If a body has no mass and carries none, or an inertia without a mass, or a principal
-            inertia that is negative or not finite. Names every such body, and the joints to lock instead.
+        DescriptionError: If a body has no mass and moves none, has an inertia without mass, or has a
+            principal inertia that is negative or not finite. The message has the names of all such bodies and
+            of the joints that may be locked instead.
     """
     if floating:
         fault = _fault(bodies[0], is_base=True)
@@ -120,7 +127,7 @@ def _fault(body: RigidBody, *, is_base: bool = False) -> str:
 
 
 def odd_bodies(bodies: Sequence[RigidBody], *, floating: bool) -> list[str]:
-    """Warnings about inertias that no distribution of mass has, and about a base that is thrown about."""
+    """Warnings about inertias that violate the triangle inequality, and about a very light floating base."""
     warnings = []
     for body in bodies if floating else bodies[1:]:
         principal = _principal(body.inertia)
@@ -139,7 +146,7 @@ def odd_bodies(bodies: Sequence[RigidBody], *, floating: bool) -> list[str]:
 
 
 def _principal(inertia: Array) -> Array:
-    """Principal inertias in ascending order (3,); nan where they are not finite."""
+    """Principal inertias in ascending order (3,) [kg m^2]; NaN if an entry is not finite."""
     if not np.all(np.isfinite(inertia)):
         return np.full(3, np.nan)
     return np.linalg.eigvalsh(inertia).astype(np.float64)

@@ -1,4 +1,4 @@
-"""yourdfpy's tree of a checked file to links and joints of this package."""
+"""Conversion of yourdfpy's robot to links and joints of this package."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _SHORTEST_AXIS = 1e-9
 
 
 def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
-    """Parse a syntactically checked tree with yourdfpy, without loading a mesh.
+    """Parse a syntactically checked tree with yourdfpy, without loading meshes.
 
     Raises:
-        DescriptionError: If yourdfpy finds fault with it.
+        DescriptionError: If yourdfpy rejects it.
     """
-    # write out ranges that are left open: 0 for one end, as URDF says, no limit where both are missing
+    # missing limits: 0 if one of the two is missing, as in the URDF specification; none if both are missing
     for limit in root.iterfind("joint/limit"):
         if limit.get("lower") is None and limit.get("upper") is None:
             limit.set("lower", "-inf")
@@ -31,7 +31,7 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
         for attribute in ("lower", "upper"):
             limit.set(attribute, limit.get(attribute, "0"))
     try:
-        text = etree.tostring(root, encoding="utf-8")  # the default, ASCII, breaks names beyond it
+        text = etree.tostring(root, encoding="utf-8")  # the default, ASCII, breaks other names
         urdf = yp.URDF.load(io.BytesIO(text), build_scene_graph=False, load_meshes=False)
         urdf.validate()
     except (yp.URDFError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
@@ -42,10 +42,10 @@ def parse_urdf(root: etree._Element, source: Path) -> yp.Robot:
 
 
 def convert_joint(joint: yp.Joint, source: Path) -> UrdfJoint:
-    """One joint, its axis of unit length.
+    """Convert a joint and normalise its axis.
 
     Raises:
-        DescriptionError: If its axis vanishes or its range is empty.
+        DescriptionError: If the axis is zero, or the lower limit is above the upper one.
     """
     where = f"joint {joint.name!r}"
     length = float(np.linalg.norm(joint.axis))
@@ -77,15 +77,18 @@ def convert_joint(joint: yp.Joint, source: Path) -> UrdfJoint:
 
 
 def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], list[str]]:
-    """All links, and a warning about meshes that are missing.
+    """Convert all links.
 
-    A box stands in for a mesh that would be drawn. Collision meshes are drawn only where there are no
-    visuals at all; elsewhere one that is missing is left out.
+    A box replaces each missing mesh among the drawn shapes. These are the visual shapes, or the collision
+    shapes if there are no visual ones. Other missing meshes are left out.
+
+    Returns:
+        tuple: The links, and a warning about missing meshes, if any.
     """
-    # colours by material name: the robot's own, then those that a link defines in passing
-    passing = [shape.material for link in robot.links for shape in link.visuals]
+    # colours by material name: the robot's materials, then those defined in visual shapes
+    shape_materials = [shape.material for link in robot.links for shape in link.visuals]
     colours: dict[str, Array] = {}
-    for material in [*robot.materials, *passing]:
+    for material in [*robot.materials, *shape_materials]:
         if material is not None and material.name and material.color is not None:
             colours.setdefault(material.name, frozen(np.clip(material.color.rgba, 0, 1)))
     shape_kind = "visual" if any(link.visuals for link in robot.links) else "collision"
@@ -102,7 +105,7 @@ def convert_links(robot: yp.Robot, source: Path) -> tuple[tuple[UrdfLink, ...], 
         shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
         for kind, link_shapes in (("visual", link.visuals), ("collision", link.collisions)):
             for shape in link_shapes:
-                # None if its mesh is not found
+                # None if the mesh is not found
                 geometry = shape.geometry
                 if geometry.box is not None:
                     geometry = Geometry("box", frozen(geometry.box.size))

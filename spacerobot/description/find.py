@@ -1,4 +1,4 @@
-"""Search of robot descriptions: a user's anywhere on disk, the shipped ones in the checkout or the wheel."""
+"""Search for URDF files by path, in ROS packages, and among the shipped ones."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.common.files import StrPath
 
 PACKAGE = "package://"
-"""Begin of names in a ROS package."""
-_WORKSPACE_DEPTH = 3  # of packages below an entry of ROS_PACKAGE_PATH
+"""Prefix of names in ROS packages."""
+_WORKSPACE_DEPTH = 3  # levels of folders below an entry of ROS_PACKAGE_PATH that may be packages
 
 
 def shipped_urdf_folder() -> Path:
-    """Folder of the URDFs that ship, in an installed wheel and in a checkout alike.
+    """Folder of the shipped URDFs, in an installed wheel or in a checkout.
 
     Raises:
-        DescriptionError: If neither is there: the installation is incomplete.
+        DescriptionError: If the folder is missing.
     """
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "_urdf", package.parent / "urdf"):
@@ -29,22 +29,23 @@ def shipped_urdf_folder() -> Path:
 
 
 def shipped_names() -> tuple[str, ...]:
-    """File names of the URDFs that ship, sorted."""
+    """File names of the shipped URDFs in alphabetical order."""
     return tuple(sorted(path.name for path in shipped_urdf_folder().glob("*.urdf")))
 
 
 def find_urdf(name: StrPath, relative_to: StrPath | None = None) -> Path:
-    """Absolute path of the URDF with a name.
+    """Absolute path of a URDF.
 
-    Tried in this order: an absolute path or one in a package; a path relative to the scenario's folder; the
-    name of a shipped file, with or without ``.urdf``.
+    The order of the search is: a ``package://`` address or an absolute path; a path relative to the
+        scenario's
+    folder; the name of a shipped file, with or without ``.urdf``.
 
     Args:
-        name: What the scenario says.
-        relative_to: The scenario file or its folder; None if there is none.
+        name: Name or path in the scenario.
+        relative_to: The scenario file or its folder, or None.
 
     Raises:
-        DescriptionError: If no such file exists; lists near shipped names.
+        DescriptionError: If there is no such file; the message has similar names of shipped files.
     """
     name, relative_to = os.fspath(name), None if relative_to is None else Path(relative_to)
     if name.startswith(PACKAGE):
@@ -74,11 +75,11 @@ def find_urdf(name: StrPath, relative_to: StrPath | None = None) -> Path:
 
 
 def find_in_package(uri: str, near: Path | None) -> Path | None:
-    """Path of the file of a ``package://name/...`` address, or None if there is none.
+    """Path of a file with an address ``package://name/...``; None if it is not found.
 
-    Looked for in folders called ``name``: the parents of ``near`` and what lies directly in them, the
-    nearest first; then what is in ``ROS_PACKAGE_PATH``, and ``share`` in each prefix of
-    ``AMENT_PREFIX_PATH``. A name never leads out of that folder.
+    The search covers folders called ``name``: first the parents of ``near`` and their subfolders, the nearest
+    first; then folders in ``ROS_PACKAGE_PATH``, and in ``share`` of each prefix in ``AMENT_PREFIX_PATH``. The
+    file must be inside that folder.
     """
     package, _, inside = uri.removeprefix(PACKAGE).partition("/")
     if package in ("", ".", ".."):
@@ -91,7 +92,7 @@ def find_in_package(uri: str, near: Path | None) -> Path | None:
 
 
 def find_package(name: str, near: Path) -> Path | None:
-    """Folder of a ROS package, known by its ``package.xml``, or None; see :func:`find_in_package`."""
+    """Folder of a ROS package, which has a ``package.xml``, or None; see :func:`find_in_package`."""
     if name in ("", ".", "..") or Path(name).name != name:
         return None
     folders = _package_folders(name, near)
@@ -99,7 +100,7 @@ def find_package(name: str, near: Path) -> Path | None:
 
 
 def _package_folders(package: str, near: Path | None) -> Iterator[Path]:
-    """Folders called ``package``, in the order in which they are tried."""
+    """Iterate over possible folders of a package in the order of the search."""
     for parent in near.parents if near is not None else ():
         if parent.name == package:
             yield parent
@@ -114,13 +115,13 @@ def _package_folders(package: str, near: Path | None) -> Iterator[Path]:
 
 
 def _entries(variable: str) -> list[Path]:
-    """Absolute folders that an environment variable lists."""
+    """Absolute folders listed in an environment variable."""
     folders = os.environ.get(variable, "").split(os.pathsep)
     return [Path(folder).absolute() for folder in folders if folder]
 
 
 def is_file(path: Path) -> bool:
-    """Whether ``path`` is a regular file; False, not an error, for a path that no file can have."""
+    """Whether a path is a regular file; False instead of an error for an invalid path."""
     try:
         return path.is_file()
     except (OSError, ValueError):

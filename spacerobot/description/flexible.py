@@ -1,4 +1,4 @@
-"""Descriptions with links and joints for what bends, and shapes cut in pieces."""
+"""Links and joints of flexible links in descriptions, and division of shapes into segments."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _PARALLEL = 1e-6  # sine of the angle between directions that count as parallel
 
 
 def find_link(description: Description, name: str) -> UrdfLink:
-    """Link of a description.
+    """Find a link of a description by its name.
 
     Raises:
-        DescriptionError: If there is none of that name.
+        DescriptionError: If there is no such link; the message has similar names.
     """
     by_name = {link.name: link for link in description.links}
     if name not in by_name:
@@ -44,16 +44,16 @@ def extended(
     joints: Sequence[UrdfJoint],
     text: str,
 ) -> Description:
-    """Description with links changed, and links and joints added; joints of known names are replaced.
+    """Description with changed and added links and joints.
 
     Args:
-        description: The URDF.
-        changed, links: Links of known names, and new ones.
-        joints: New ones, and known ones with other parents.
-        text: What distinguishes the change, for the hash.
+        description: The description.
+        changed, links: Existing links with changes, and new links.
+        joints: New joints, and existing joints with other parents.
+        text: Text that identifies the change, for the hash of the description.
 
     Raises:
-        DescriptionError: If a new link or joint has the name of a known one.
+        DescriptionError: If a new link, or the joint of a new link, has the name of an existing one.
     """
     by_name = {link.name: link for link in description.links}
     moved = {joint.name: joint for joint in description.joints}
@@ -75,14 +75,16 @@ def extended(
 def cut(
     shape: LinkShape, start: Array, axis: Array, ends: Sequence[float]
 ) -> Iterator[tuple[int, LinkShape]]:
-    """Pieces of a shape along a beam, each with the number of its segment.
+    """Divide a shape along a beam and iterate over the pieces with the indices of their segments.
 
-    Boxes and cylinders whose edge or axis is parallel to the beam are cut; others belong to one segment.
+    Boxes and cylinders with an edge or axis parallel to the beam are divided. Other shapes belong entirely to
+    the segment of their centre.
 
     Args:
         shape: The shape, link axes.
-        start, axis: Of the beam, link axes (3,) [m], and (3,) of unit length.
-        ends: Places along the beam [m] at which segments end, all but the last, rising.
+        start, axis: Start (3,) [m] and unit vector (3,) of the beam, link axes.
+        ends: Coordinates along the beam [m] at which the segments, except the last one, end, in ascending
+            order.
     """
     geometry, rotation = shape.geometry, shape.placement[:3, :3]
     centre = float((shape.placement[:3, 3] - start) @ axis)

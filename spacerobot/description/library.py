@@ -1,6 +1,6 @@
-"""yourdfpy, without what it reads meshes with: that takes longer to load than most scenarios to simulate.
+"""Import of yourdfpy without trimesh, whose import takes longer than most simulations.
 
-yourdfpy imports all of trimesh, of which a URDF without its meshes needs nothing but the angles of rotations.
+yourdfpy imports all of trimesh. A URDF that is read without meshes uses only its functions for rotations.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ MESHES = "trimesh"
 
 
 class _Later(ModuleType):
-    """Stands in for a package until something of it is used; its own modules can be imported one by one."""
+    """Placeholder of a package that is imported at the first use of a name, with importable submodules."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
         if sys.modules.get(self.__name__) is self:
-            return object  # in an annotation, while yourdfpy is loaded
+            return object  # for annotations, which are evaluated while yourdfpy is imported
         return getattr(importlib.import_module(self.__name__), name)
 
 
@@ -36,7 +36,7 @@ def _load() -> ModuleType:
         return importlib.import_module("yourdfpy")
     finally:
         for name in [name for name in sys.modules if name.partition(".")[0] == MESHES]:
-            del sys.modules[name]  # loaded whole by whoever imports it next
+            del sys.modules[name]  # the next import loads the complete package
 
 
 if TYPE_CHECKING:

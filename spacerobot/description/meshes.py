@@ -1,4 +1,4 @@
-"""Mesh files that a URDF names: found and readable, or replaced by a box."""
+"""Mesh files of a URDF: search, reading, and boxes that replace missing ones."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from spacerobot.common.arrays import Array
 from spacerobot.description.find import PACKAGE, find_in_package, is_file
 from spacerobot.description.parts import Geometry, LinkShape, frozen
 
-_FRAME_BOX_M = 0.05  # of a link without mass
+_FRAME_BOX_M = 0.05  # edge of the box of a link without mass
 _SHORTEST_EDGE_M, _LONGEST_EDGE_M = 5e-4, 1e3
-_NAMED = 3  # missing meshes in a warning
+_NAMED = 3  # maximum number of missing meshes that a warning names
 
 
 def resolve_mesh(filename: str, urdf: Path) -> Path | None:
-    """Absolute path of the mesh that a URDF names, or None if there is none.
+    """Absolute path of a mesh file of a URDF; None if it is not found.
 
-    ``package://name/...`` is looked for as :func:`spacerobot.description.find.find_in_package` says. Other
-    names are paths relative to the URDF's folder.
+    Addresses ``package://name/...`` are searched by :func:`spacerobot.description.find.find_in_package`.
+    Other names are paths, relative to the URDF's folder.
     """
     if filename.startswith(PACKAGE):
         return find_in_package(filename, urdf)
@@ -36,10 +36,10 @@ def resolve_mesh(filename: str, urdf: Path) -> Path | None:
 
 
 def missing_meshes(missing: Mapping[tuple[str, str], Sequence[str]]) -> list[str]:
-    """One warning about all meshes that are replaced by boxes; none if there are none.
+    """Warning about the meshes that are replaced by boxes; empty without any.
 
     Args:
-        missing: Links by file name and fault, ``not found`` or ``cannot be read``.
+        missing: Names of links by file name and reason, ``not found`` or ``cannot be read``.
     """
     if not missing:
         return []
@@ -55,7 +55,7 @@ def missing_meshes(missing: Mapping[tuple[str, str], Sequence[str]]) -> list[str
 
 
 def is_readable(geometry: Geometry) -> bool:
-    """Whether the geometry library that Pinocchio uses can read a mesh; a primitive needs no reading."""
+    """Whether coal, Pinocchio's geometry library, can read the mesh; true for primitives."""
     if geometry.mesh is None:
         return True
     try:
@@ -66,10 +66,10 @@ def is_readable(geometry: Geometry) -> bool:
 
 
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Any:
-    """A mesh as the geometry library has it (``coal.BVHModelBase``), read once as long as its file stays.
+    """Read a mesh as a ``coal.BVHModelBase``, cached while the file is unchanged.
 
     Raises:
-        OSError, RuntimeError, ValueError, MemoryError: It cannot be read.
+        OSError, RuntimeError, ValueError, MemoryError: If the mesh cannot be read.
     """
     status = path.stat()
     return _read(path, scale, status.st_mtime_ns, status.st_size)
@@ -77,7 +77,7 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Any:
 
 @lru_cache(maxsize=256)
 def _read(path: Path, scale: tuple[float, ...], _written_ns: int, _bytes: int) -> Any:
-    import coal  # only descriptions with meshes pay for its import
+    import coal  # imported only for descriptions with meshes
 
     mesh = coal.MeshLoader().load(str(path), np.array(scale))
     if not np.isfinite(mesh.vertices()).all():
@@ -86,11 +86,14 @@ def _read(path: Path, scale: tuple[float, ...], _written_ns: int, _bytes: int) -
 
 
 def stand_in(mass: float, com: Array, inertia: Array) -> LinkShape:
-    """Grey uniform box of the same mass and inertia, in place of a mesh that is missing.
+    """Grey uniform box with the mass and inertia of a link, which replaces a missing mesh.
+
+    A link without mass gets a small cube at its origin.
 
     Args:
-        mass, com, inertia: Of the link: kg; m, in the link frame (3,); kg m^2, about ``com`` in link axes (3,
-            3). A link without mass gets a small cube at its origin.
+        mass: Mass of the link [kg].
+        com: Centre of mass, link frame (3,) [m].
+        inertia: Inertia about the centre of mass, link axes (3, 3) [kg m^2].
     """
     placement = np.eye(4)
     edges = np.full(3, _FRAME_BOX_M)

@@ -1,4 +1,4 @@
-"""Joints that have no coordinate of their own: they follow another one, or are locked."""
+"""Mimic joints and locked joints, which have no coordinates of their own."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from spacerobot.description.parts import Mimic, UrdfJoint, frozen
 def settle(
     joints: Sequence[UrdfJoint], positions: Mapping[str, float], locked: Collection[str], source: Path
 ) -> tuple[UrdfJoint, ...]:
-    """Joints with the locked ones made fixed, and each follower naming the free joint at its chain's end.
+    """Resolve locked joints and chains of mimic joints.
 
-    A follower of a joint that does not move becomes fixed too; one that is locked itself follows no more.
+    Locked joints become fixed at their initial positions. A mimic joint refers directly to the independent
+    joint at the end of its chain; it becomes fixed if it, or a joint in its chain, is locked or fixed.
 
     Args:
-        joints: As in the file.
-        positions: Where joints begin, by name [rad or m]; followers without one begin where they follow to,
-            or at zero if that leads nowhere.
+        joints: Joints of the file.
+        positions: Initial positions by name [rad or m]. Mimic joints that are missing start at the positions
+            that follow from the joints that they mimic, or at zero if these do not exist.
         locked: Names of the locked joints.
-        source: The file, for errors.
+        source: File for error messages.
 
     Raises:
-        DescriptionError: If joints follow one that does not exist, or in a circle; names all of them.
+        DescriptionError: If joints that are not locked mimic a joint that does not exist, or each other in a
+            circle; the message has all their names.
     """
     by_name = {joint.name: joint for joint in joints}
     settled, faults = [], {}
@@ -60,7 +62,7 @@ def _settled(
         multiplier *= leader.mimic.multiplier
         name = leader.mimic.joint
         if name not in by_name or name in chain:
-            if any(passed in locked for passed in chain):
+            if any(each in locked for each in chain):
                 return _fixed(joint, 0.0)
             hint = "in a circle" if name in chain else f"which does not exist ({near_names(name, by_name)})"
             raise DescriptionError(f"mimics {name!r}, {hint}")
@@ -73,11 +75,12 @@ def _settled(
 
 
 def _fixed(joint: UrdfJoint, position: float) -> UrdfJoint:
-    """Fixed joint that keeps the place which a joint has at ``position`` [rad or m]."""
+    """Fixed joint with the placement that a joint has at a position [rad or m]."""
     motion, (x, y, z) = np.eye(4), joint.axis
     if joint.kind == "prismatic":
         motion[:3, 3] = position * joint.axis
     else:
+        # rotation by Rodrigues' formula
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         motion[:3, :3] += np.sin(position) * skew + (1 - np.cos(position)) * skew @ skew
     return dataclasses.replace(joint, kind="fixed", origin=frozen(joint.origin @ motion), mimic=None)

@@ -1,7 +1,7 @@
-"""Robots from MJCF, MuJoCo's description: links and joints as a URDF would have them.
+"""Conversion of MJCF, MuJoCo's format, to links and joints of a URDF.
 
-A body with several joints becomes a chain of links without mass. Sites become links on fixed joints, so that
-tips can be named by them. What a URDF cannot say is named in a warning.
+A body with several joints becomes a chain of links, all but the last without mass. Sites become links on
+fixed joints, so that they can be tips. Warnings name elements without a counterpart in URDF.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ WORLD = "world"
 DENSITY = 1000.0
 """MuJoCo's default density of geometries [kg/m^3]."""
 STRUCTURES = ("replicate", "attach", "composite", "flexcomp")
-"""Elements that make bodies, which are not read."""
+"""Elements that generate bodies and are not supported."""
 UNREAD = ("tendon", "sensor", "contact", "deformable", "skin", "keyframe", "extension", "custom")
-"""Sections without a counterpart in a description of a robot."""
+"""Ignored sections, without a counterpart in URDF."""
 
 
 @dataclass(eq=False)
 class MjcfModel:
-    """Links and joints of a model as they are read.
+    """Links and joints that have been read from a model.
 
     Attributes:
-        tree: The file.
-        links, joints: Parents first.
-        ignored: What has no counterpart, with the names of those that have it.
-        names: Names of links and joints that are in use.
-        missing: Links by name and fault of a mesh that is replaced by a box.
+        tree: Elements of the model.
+        links, joints: Links and joints, parents first.
+        ignored: Names of elements with properties that have no counterpart, by the property.
+        missing: Names of links by file name and fault of a mesh that is replaced by a box.
+        names: Names of links and joints in use.
     """
 
     tree: MjcfTree
@@ -49,11 +49,11 @@ class MjcfModel:
     names: set[str] = field(default_factory=set)
 
     def ignore(self, what: str, who: str) -> None:
-        """Note what a description cannot hold."""
+        """Record a property without a counterpart (``what``) of an element (``who``)."""
         self.ignored.setdefault(what, []).append(who)
 
     def name(self, element: Any, fallback: str) -> str:
-        """Name of an element that becomes a link or a joint, unlike all others of its kind."""
+        """Unique name of an element that becomes a link or a joint."""
         preferred = element.get("name") or fallback
         kind = "joint" if element.tag == "joint" else "link"
         name = next(one for one in numbered(preferred) if f"{kind}:{one}" not in self.names)
@@ -62,34 +62,34 @@ class MjcfModel:
 
 
 def numbered(name: str) -> Iterator[str]:
-    """Yield a name, then the name with numbers behind it."""
+    """Iterate over a name and the name with the suffixes ``_1``, ``_2``, ..."""
     yield from itertools.chain([name], (f"{name}_{k}" for k in itertools.count(1)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Mass:
-    """Mass [kg], centre [m] and inertia about the centre [kg m^2], in one frame."""
+    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2], in one frame."""
 
     mass: float
     com: Array
     inertia: Array
 
     def moved(self, placement: Array) -> _Mass:
-        """The same in a frame in which this one has a placement (4, 4)."""
+        """Mass properties in another frame, in which the present frame has a placement (4, 4)."""
         turn = placement[:3, :3]
         return _Mass(self.mass, turn @ self.com + placement[:3, 3], turn @ self.inertia @ turn.T)
 
 
 def read_mjcf(data: bytes, source: Path) -> tuple[MjcfModel, str]:
-    """Links and joints of an MJCF file, and the name of the model.
+    """Read links and joints of an MJCF file, and the name of the model.
 
     Args:
         data: Bytes of the file.
-        source: Its path.
+        source: Path of the file.
 
     Raises:
-        DescriptionError: If it holds what no tree of hinges and slides can be, or what is not read: ball
-            joints, free joints below the top, copies of bodies, meshes whose inertia is not stated.
+        DescriptionError: If the model has no bodies, or unsupported elements: ball joints, free joints of
+            nested bodies, generated bodies, bodies whose inertia would follow from a mesh.
     """
     tree = read_tree(data, source)
     model = MjcfModel(tree)
@@ -105,7 +105,7 @@ def read_mjcf(data: bytes, source: Path) -> tuple[MjcfModel, str]:
         raise DescriptionError("holds no body", source=source)
     moves = any(not _is_free(top) and _joint_elements(top) for top in tops)
     if len(tops) == 1 and not moves:
-        # the base: its place is the scenario's
+        # the base, whose pose is that of the scenario
         _read_body(model, tops[0], None, np.eye(4), "main")
     else:
         model.links.append(UrdfLink(WORLD, 0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3)))))
@@ -118,7 +118,7 @@ def read_mjcf(data: bytes, source: Path) -> tuple[MjcfModel, str]:
 
 
 def warnings_of(model: MjcfModel) -> list[str]:
-    """One line for each thing that has no counterpart."""
+    """Warnings about properties without a counterpart and about missing meshes."""
     lines = []
     for what, who in model.ignored.items():
         names = list(dict.fromkeys(who))
@@ -127,7 +127,7 @@ def warnings_of(model: MjcfModel) -> list[str]:
 
 
 def _above(element: Any) -> Any:
-    """Body around an element; None at the top."""
+    """Body that contains an element; None if it is not in a body."""
     return next(element.iterancestors("body"), None)
 
 
@@ -142,7 +142,15 @@ def _is_free(body: Any) -> bool:
 
 
 def _read_children(model: MjcfModel, element: Any, parent: str, offset: Array, childclass: str) -> None:
-    """Bodies and sites below a body, the world or a ``<frame>`` with a placement in the link."""
+    """Read the bodies and sites inside a body, the world or a ``<frame>``.
+
+    Args:
+        model: Model to which links and joints are added.
+        element: The element.
+        parent: Name of the link to which they are attached.
+        offset: Placement of the element in the frame of that link (4, 4).
+        childclass: Class of defaults.
+    """
     tree = model.tree
     for child in element:
         if child.tag == "frame":
@@ -165,18 +173,18 @@ def _fixed(model: MjcfModel, name: str, parent: str, placement: Array) -> UrdfJo
 
 
 def _read_body(model: MjcfModel, body: Any, parent: str | None, offset: Array, childclass: str) -> None:
-    """A body with its joints, shapes, and bodies below."""
+    """Read a body with its joints, shapes and nested bodies; see :func:`_read_children`."""
     tree, childclass = model.tree, body.get("childclass") or childclass
     name = model.name(body, "body")
     if _is_free(body) and parent not in (None, WORLD):
         raise tree.error(body, "has a free joint below another body")
     placement = offset @ tree.placement(body, childclass)
     joints = [one for one in _joint_elements(body) if _kind(model, one, childclass) != "free"]
-    # frame of the link in that of the body: it is at the last joint's anchor, where URDF has its origin
+    # placement of the link's frame in that of the body: its origin is at the anchor of the last joint
     link_in_body: Array = np.eye(4)
     above = parent
     for k, joint in enumerate(joints):
-        assert above is not None  # a body with joints is below the world
+        assert above is not None  # a body with joints has a parent
         anchor = tree.numbers(joint, "pos", childclass, 3)
         at_anchor = np.eye(4)
         at_anchor[:3, 3] = 0.0 if anchor is None else anchor
@@ -198,7 +206,7 @@ def _kind(model: MjcfModel, joint: Any, childclass: str) -> str:
 
 
 def _joint(model: MjcfModel, joint: Any, links: tuple[str, str], origin: Array, childclass: str) -> UrdfJoint:
-    """A hinge or a slide between two links."""
+    """Joint of a hinge or slide between two links."""
     tree, kind = model.tree, _kind(model, joint, childclass)
     name = model.name(joint, f"{links[1]}_joint")
     if kind not in ("hinge", "slide"):
@@ -222,7 +230,7 @@ def _joint(model: MjcfModel, joint: Any, links: tuple[str, str], origin: Array, 
     reference = number("ref")
     if has_range:
         assert bounds is not None
-        # coordinates count from the pose in the file, where MuJoCo's is ``ref``
+        # positions are relative to the pose in the file, at which MuJoCo's coordinate is ``ref``
         lower, upper = np.array(tree.angle(bounds) if hinge else bounds) - (
             tree.angle(reference) if hinge else reference
         )
@@ -252,7 +260,7 @@ def _joint(model: MjcfModel, joint: Any, links: tuple[str, str], origin: Array, 
 
 
 def _link(model: MjcfModel, body: Any, name: str, body_in_link: Array, childclass: str) -> UrdfLink:
-    """Mass properties and shapes of a body, in the frame of its link."""
+    """Link with the mass properties and shapes of a body."""
     tree, total = model.tree, None
     shapes: dict[str, list[LinkShape]] = {"visual": [], "collision": []}
     stated = body.find("inertial")
@@ -304,7 +312,7 @@ def _stated_mass(model: MjcfModel, inertial: Any) -> _Mass:
 
 
 def _sum(parts: list[_Mass]) -> _Mass:
-    """Mass properties of several parts together, by the parallel axis theorem."""
+    """Total mass properties of several parts, by the parallel-axis theorem."""
     mass = sum(part.mass for part in parts)
     if not mass:
         return _Mass(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -317,7 +325,7 @@ def _sum(parts: list[_Mass]) -> _Mass:
 
 
 def _form(model: MjcfModel, geom: Any, childclass: str) -> tuple[str, Array, Array]:
-    """Kind, size and placement (4, 4) of a geometry in its body; ``fromto`` is resolved."""
+    """Kind, size and placement (4, 4) of a geometry in its body, with ``fromto`` converted."""
     tree = model.tree
     default = "mesh" if tree.get(geom, "mesh", childclass) else "sphere"
     kind = tree.get(geom, "type", childclass) or default
@@ -343,10 +351,11 @@ def _form(model: MjcfModel, geom: Any, childclass: str) -> tuple[str, Array, Arr
 
 
 def _geometry_mass(model: MjcfModel, geom: Any, offset: Array, childclass: str) -> list[_Mass]:
-    """Mass properties of a uniform geometry in the link's frame; none if it has no mass.
+    """Mass properties of a uniform geometry in the link's frame; empty if it has no mass.
 
-    For a capsule of radius r and half length h, the two half balls of mass m_b together have their centres
-    3 r / 8 beyond the cylinder's ends: I_across = m_b (2/5 r^2 + h^2 + 3/4 h r).
+    A capsule has radius r and half length h. The centres of its two hemispheres, of total mass m_b, are 3 r /
+    8 beyond the cylinder's ends. About an axis across, the inertia of both is therefore
+    m_b ((2/5 - 9/64) r^2 + (h + 3 r / 8)^2) = m_b (2/5 r^2 + h^2 + 3/4 h r).
     """
     tree = model.tree
     kind, size, placement = _form(model, geom, childclass)
@@ -379,7 +388,7 @@ def _geometry_mass(model: MjcfModel, geom: Any, offset: Array, childclass: str) 
 def _add_shapes(
     model: MjcfModel, geom: Any, link: str, offset: Array, shapes: dict[str, list[LinkShape]], childclass: str
 ) -> None:
-    """A geometry as a shape to see, to touch, or both: one without contact masks is only seen."""
+    """Add a geometry to the visual or collision shapes, or both; without contact masks it is visual only."""
     tree = model.tree
     kind, size, placement = _form(model, geom, childclass)
     place = frozen(offset @ placement)
@@ -411,13 +420,13 @@ def _add_shapes(
         group = tree.numbers(geom, "group", childclass, 1)
         if touches:
             shapes["collision"].append(shape)
-        # MuJoCo's viewer hides groups 3 and above, where models put shapes that only touch
+        # MuJoCo's viewer hides groups 3 and above, which models use for pure collision shapes
         if not touches or group is None or group[0] < 3:
             shapes["visual"].append(shape)
 
 
 def _mesh(model: MjcfModel, geom: Any, childclass: str) -> Geometry:
-    """Mesh of a geometry, from the file that its asset names."""
+    """Mesh of a geometry, with the file of its asset."""
     tree, name = model.tree, model.tree.get(geom, "mesh", childclass)
     for asset in tree.root.iterfind("asset/mesh"):
         file = asset.get("file")
@@ -431,7 +440,7 @@ def _mesh(model: MjcfModel, geom: Any, childclass: str) -> Geometry:
 
 
 def _readable(model: MjcfModel, shape: LinkShape, link: str, mass: _Mass) -> LinkShape:
-    """The shape, or a box in place of a mesh that is missing."""
+    """The shape itself, or a box if its mesh is missing."""
     path = shape.geometry.mesh
     if path is None or (path.is_file() and is_readable(shape.geometry)):
         return shape
@@ -441,7 +450,7 @@ def _readable(model: MjcfModel, shape: LinkShape, link: str, mass: _Mass) -> Lin
 
 
 def _read_equalities(model: MjcfModel) -> None:
-    """Joints that follow another one linearly; other constraints are named."""
+    """Convert linear joint constraints to mimic joints, and record other constraints as ignored."""
     by_name = {joint.name: k for k, joint in enumerate(model.joints)}
     for constraint in model.tree.root.iterfind("equality/*"):
         first, second = constraint.get("joint1"), constraint.get("joint2")
@@ -457,7 +466,7 @@ def _read_equalities(model: MjcfModel) -> None:
 
 
 def _read_actuators(model: MjcfModel) -> None:
-    """Force limits of joints from their actuators, [N or N m]: times the gear."""
+    """Set the effort limits of joints to the force limits of their actuators times the gear [N or N m]."""
     by_name, tree = {joint.name: k for k, joint in enumerate(model.joints)}, model.tree
     for actuator in tree.root.iterfind("actuator/*"):
         name = actuator.get("joint")

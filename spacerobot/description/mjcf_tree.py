@@ -1,4 +1,4 @@
-"""MJCF text to an XML tree with its defaults filled in; nothing is looked up but what the file includes."""
+"""XML tree of an MJCF file with its defaults; only files that it includes are read."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ ACTUATORS = (
     "muscle",
     "adhesion",
 )
-"""Elements that share one class of defaults."""
+"""Kinds of actuators, which share their defaults."""
 
 
 @dataclass(frozen=True, eq=False)
 class MjcfTree:
-    """A model's elements with attributes that defaults and the compiler give them.
+    """Elements of a model, with attributes from defaults.
 
     Attributes:
-        root: ``<mujoco>``, included files in place.
-        path: The main file.
-        data: Bytes of all files, in the order in which they were read.
-        compiler: Attributes of all ``<compiler>`` elements; later ones count.
-        defaults: Attributes by class and element.
+        root: Element ``<mujoco>`` with the content of included files.
+        path: Main file.
+        data: Bytes of all files in the order of reading.
+        compiler: Attributes of all ``<compiler>`` elements; later ones override.
+        defaults: Default attributes by class and element.
     """
 
     root: Any
@@ -56,15 +56,15 @@ class MjcfTree:
         return DescriptionError(message, source=self.path, where=f"{where} (line {element.sourceline})")
 
     def get(self, element: Any, attribute: str, childclass: str) -> str | None:
-        """Attribute of an element: its own, else that of its class, else of the class of its body.
+        """Attribute of an element, or its default in the element's class, or in ``childclass``; None without.
 
         Args:
             element: The element.
             attribute: Name of the attribute.
-            childclass: Class that the bodies around it state.
+            childclass: Class of defaults stated by the surrounding bodies.
 
         Raises:
-            DescriptionError: If it names a class that does not exist.
+            DescriptionError: If the class does not exist.
         """
         if (value := element.get(attribute)) is not None:
             return str(value)
@@ -77,10 +77,14 @@ class MjcfTree:
     def numbers(
         self, element: Any, attribute: str, childclass: str, count: int | None = None
     ) -> Array | None:
-        """Numbers of an attribute; None if there is none.
+        """Numbers of an attribute; None without the attribute.
+
+        Args:
+            element, attribute, childclass: As for :meth:`get`.
+            count: Required number of numbers; any if None.
 
         Raises:
-            DescriptionError: If one is not finite or too large, or there are others than ``count``.
+            DescriptionError: If a number is not finite or too large, or the count is wrong.
         """
         text = self.get(element, attribute, childclass)
         if text is None:
@@ -96,15 +100,15 @@ class MjcfTree:
 
     @property
     def in_degrees(self) -> bool:
-        """Whether angles are in degrees, as they are unless the compiler says otherwise."""
+        """Whether angles are in degrees, MuJoCo's default."""
         return self.compiler.get("angle", "degree") == "degree"
 
     def angle(self, value: Any) -> Any:
-        """Angle in the file's unit [rad]."""
+        """Angle [rad] of a number in the file's unit."""
         return np.radians(value) if self.in_degrees else value
 
     def placement(self, element: Any, childclass: str) -> Array:
-        """Placement of an element (4, 4): ``pos``, and one of MuJoCo's five forms of an orientation."""
+        """Placement of an element (4, 4) from ``pos`` and one of MuJoCo's five forms of orientations."""
         placement = np.eye(4)
         position = self.numbers(element, "pos", childclass, 3)
         placement[:3, 3] = 0.0 if position is None else position
@@ -112,25 +116,25 @@ class MjcfTree:
         return placement
 
     def _rotation(self, element: Any, childclass: str) -> Array:
-        def given(name: str, count: int) -> Array | None:
+        def numbers(name: str, count: int) -> Array | None:
             return self.numbers(element, name, childclass, count)
 
-        if (quaternion := given("quat", 4)) is not None:
+        if (quaternion := numbers("quat", 4)) is not None:
             if not quaternion.any():
                 raise self.error(element, "its quaternion is zero")
             return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
-        if (axis_angle := given("axisangle", 4)) is not None:
+        if (axis_angle := numbers("axisangle", 4)) is not None:
             axis = self._unit(element, axis_angle[:3])
             return np.asarray(Rotation.from_rotvec(self.angle(axis_angle[3]) * axis).as_matrix())
-        if (euler := given("euler", 3)) is not None:
-            # lower case: axes that turn with the frame, which SciPy writes in upper case
+        if (euler := numbers("euler", 3)) is not None:
+            # lower case are intrinsic rotations in MuJoCo, upper case in SciPy
             sequence = self.compiler.get("eulerseq", "xyz").swapcase()
             return np.asarray(Rotation.from_euler(sequence, self.angle(euler)).as_matrix())
-        if (axes := given("xyaxes", 6)) is not None:
+        if (axes := numbers("xyaxes", 6)) is not None:
             x = self._unit(element, axes[:3])
             y = self._unit(element, axes[3:] - x * (x @ axes[3:]))
             return np.column_stack([x, y, np.cross(x, y)])
-        if (z := given("zaxis", 3)) is not None:
+        if (z := numbers("zaxis", 3)) is not None:
             return rotation_to(self._unit(element, z))
         return np.eye(3)
 
@@ -142,7 +146,7 @@ class MjcfTree:
 
 
 def rotation_to(z: Array) -> Array:
-    """Smallest rotation (3, 3) that turns the z axis to a unit vector."""
+    """Rotation (3, 3) by the smallest angle from the z axis to a unit vector."""
     axis = np.cross([0.0, 0.0, 1.0], z)
     sine, cosine = float(np.linalg.norm(axis)), float(z[2])
     if sine < 1e-10:
@@ -151,10 +155,14 @@ def rotation_to(z: Array) -> Array:
 
 
 def read_tree(data: bytes, source: Path) -> MjcfTree:
-    """Tree of a model from the bytes of its file.
+    """Read the tree of a model, including its included files.
+
+    Args:
+        data: Bytes of the main file.
+        source: Path of the main file.
 
     Raises:
-        DescriptionError: If it, or a file that it includes, is no well-formed XML.
+        DescriptionError: If a file cannot be read or is not well-formed XML, or is included twice.
     """
     root, files = parse_xml(data, source), [data]
     sources = {source.resolve()}
@@ -187,7 +195,7 @@ def read_tree(data: bytes, source: Path) -> MjcfTree:
 def _read_defaults(
     element: Any, inherited: Mapping[str, Mapping[str, str]], classes: dict[str, Any], fallback: str
 ) -> None:
-    """A class of defaults: those of the class around it, changed by its own."""
+    """Read a class of defaults, which inherits those of the class that contains it."""
     merged = {tag: dict(values) for tag, values in inherited.items()}
     for child in element:
         if child.tag == "default":

@@ -1,4 +1,4 @@
-"""One robot of several: an arm welded to a link of another URDF."""
+"""Mounting of an arm on a link of another description."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from spacerobot.description.read import Description
 def mounted(
     host: Description, arm: Description, name: str, link: str | None, placement: np.ndarray
 ) -> Description:
-    """The host with an arm's root link welded to one of its links.
+    """Description of a host with an arm, whose root link is fixed to a link of the host.
 
     Args:
-        host, arm: Two URDFs.
-        name: Put before the names of the arm's links and joints, with ``_`` between.
-        link: Of the host; its root if None.
-        placement: Of the arm's root link in that link's frame (4, 4) [m].
+        host, arm: Descriptions of both.
+        name: Prefix of the arm's links and joints, followed by ``_``.
+        link: Link of the host; its root if None.
+        placement: Placement of the arm's root link in the frame of that link (4, 4) [m].
 
     Raises:
-        DescriptionError: If there is no such link, or a name is there already.
+        DescriptionError: If there is no such link, or the host already has a link or joint of the same name.
     """
     names = [host_link.name for host_link in host.links]
     parent = host.root if link is None else link

@@ -1,4 +1,4 @@
-"""Parts of a description: links, joints and shapes, as read-only values."""
+"""Parts of a description: links, joints and shapes as immutable values."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Geometry:
     """A primitive or a mesh.
 
     Attributes:
-        kind: Which of them.
-        size: Box: edge lengths (3,); cylinder: radius, length (2,); sphere: radius (1,), in m. Mesh: scale
-            (3,).
-        mesh: Absolute path of the mesh file; None for a primitive.
-        corners: Of a mesh without a file, which is their convex hull (n, 3), m.
+        kind: Kind of the geometry.
+        size: Edge lengths of a box (3,), radius and length of a cylinder (2,), radius of a sphere (1,) [m];
+            scale of a mesh (3,).
+        mesh: Absolute path of the mesh file; None without a file.
+        corners: Corners (n, 3) [m] of a convex hull, a mesh without a file; None for other geometries.
     """
 
     kind: GeometryKind
@@ -45,11 +45,11 @@ class LinkShape:
     """Geometry fixed to a link.
 
     Attributes:
-        name: Its name, if it has one.
-        placement: Shape frame in the link frame, homogeneous (4, 4), m.
-        geometry: What is there.
-        rgba: Colour and opacity (4,), 0 to 1; None where the file gives none.
-        material: Name of its material in the file; empty where the file names none.
+        name: Name of the shape, or None.
+        placement: Placement of the shape's frame in the link frame, homogeneous (4, 4) [m].
+        geometry: The geometry.
+        rgba: Colour and opacity (4,), 0 to 1; None if the file has none.
+        material: Name of the material in the file, or empty.
     """
 
     name: str | None
@@ -61,17 +61,16 @@ class LinkShape:
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A rigid body, or a mere frame if its mass is 0.
+    """A rigid body, or a massless frame.
 
     Attributes:
-        name: Its name, without any prefix.
-        mass: kg.
-        com: Centre of mass in the link frame (3,), m.
-        inertia: About the centre of mass, in the axes of the link frame (3, 3), kg m^2; zero where the file
-            has none.
-        visuals, collisions: What is drawn, and what would collide.
-        borrowed: Link whose mass properties include these, and the resting pose of this link in its frame (4,
-            4) [m]: there they are taken out. None for a link of its own.
+        name: Name without a prefix.
+        mass: Mass [kg].
+        com: Centre of mass in the link frame (3,) [m].
+        inertia: Inertia about the centre of mass, link axes (3, 3) [kg m^2]; zero if the file has none.
+        visuals, collisions: Visual and collision shapes.
+        borrowed: Name of the link whose mass properties in the scenario include those of this link, and the
+            undeformed placement of this link in its frame (4, 4) [m]; None for an independent link.
     """
 
     name: str
@@ -85,11 +84,11 @@ class UrdfLink:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint's position as ``multiplier`` times that of another one plus ``offset``.
+    """Mimic relation: position = ``multiplier`` times the position of another joint + ``offset``.
 
     Attributes:
-        joint: Name of the joint that is followed.
-        multiplier, offset: In rad or m of the follower (per rad or m of the followed).
+        joint: Name of the other joint.
+        multiplier, offset: Ratio of positions, and offset [rad or m].
     """
 
     joint: str
@@ -99,18 +98,19 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """Connection of a link to its parent.
+    """A joint between a link and its parent.
 
     Attributes:
-        name, kind: Its name, without any prefix, and what it allows.
-        parent, child: Names of the links it connects.
-        origin: Joint (= child) frame in the parent link's frame with the joint at zero, homogeneous (4, 4),
-            m.
-        axis: Unit vector in the joint frame (3,); of no meaning for a fixed joint.
-        damping, friction: Viscous, N m s/rad or N s/m, and dry, N m or N.
-        effort, velocity: Largest magnitudes, N m or N, rad/s or m/s; infinite where there is no limit.
-        lower, upper: Range, rad or m; infinite where there is no limit.
-        mimic: What it follows, if it has no coordinate of its own.
+        name, kind: Name without a prefix, and kind.
+        parent, child: Names of the two links.
+        origin: Placement of the joint's and child's frame in the parent's with the joint at zero, homogeneous
+            (4, 4) [m].
+        axis: Unit vector in the joint frame (3,); without meaning for a fixed joint.
+        damping, friction: Viscous damping [N m s/rad or N s/m] and dry friction [N m or N].
+        effort, velocity: Limits of torque or force [N m or N] and of rate [rad/s or m/s]; infinite without
+            one.
+        lower, upper: Limits of position [rad or m]; infinite without one.
+        mimic: Mimic relation, or None for an independent joint.
     """
 
     name: str

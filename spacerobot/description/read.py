@@ -1,4 +1,4 @@
-"""Read a URDF, check that it can be simulated, and hand it to Pinocchio."""
+"""Reading and checking of robot descriptions in URDF, xacro or MJCF, and their text for Pinocchio."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from spacerobot.description.topology import root_link
 from spacerobot.description.xacro import SUFFIX, expand_xacro, refuse_xacro
 
 MOST_BYTES = 20_000_000
-"""Larger files are refused."""
+"""Maximum size of a file [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """Contents of a URDF; mass properties and mimic joints are not yet verified.
+    """Content of a robot description; mass properties and mimic joints are checked later, with the scene.
 
     Attributes:
         name: Name of the robot.
-        path, sha256: The file, absolute, and the hash of its bytes in hexadecimal; of a xacro file, of what
-            it expands to.
-        root: Name of the base: the link without a parent.
-        links, joints: In the order of the file.
-        warnings: What was ignored or assumed, one line each.
+        path: Absolute path of the file.
+        sha256: Hexadecimal hash of the file's content, or of the expanded text of a xacro file.
+        root: Name of the base link, the only link without a parent.
+        links, joints: Links and joints in the order of the file.
+        warnings: Warnings about ignored elements and assumptions, one line each.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Description:
     warnings: tuple[str, ...]
 
     def __repr__(self) -> str:
-        """Name, file and size, in one line."""
+        """Name, file, and numbers of links and joints, in one line."""
         return (
             f"<Description {self.name}: {self.path.name}, {len(self.links)} links, {len(self.joints)} joints>"
         )
@@ -49,18 +49,18 @@ class Description:
     def to_pinocchio_xml(self, prefix: str) -> str:
         """URDF text for ``pinocchio.buildModelFromXML`` and ``buildGeomFromUrdfString``.
 
-        Every link and joint is named ``prefix`` + its own name. Inertias stand in link axes, axes have unit
-        length, meshes have absolute paths, and a box stands where a mesh is missing.
+        Inertias are in link axes, joint axes have unit length, meshes have absolute paths, and boxes replace
+        missing meshes.
 
         Args:
-            prefix: ``rpr1/`` for example; may be empty.
+            prefix: Prefix of the names of links and joints, such as ``rpr1/``; may be empty.
         """
         from spacerobot.description.write import urdf_xml
 
         return urdf_xml(self.name, self.links, self.joints, prefix)
 
     def settled(self, positions: Mapping[str, float], locked: Collection[str]) -> Description:
-        """Description with some joints locked; see :func:`spacerobot.description.mimic.settle`.
+        """Description with resolved locked and mimic joints; see :func:`spacerobot.description.mimic.settle`.
 
         Args:
             positions: Initial joint positions by name [rad or m].
@@ -74,17 +74,19 @@ class Description:
 
 
 def read_description(path: StrPath, expanded: str | None = None) -> Description:
-    """Read and check a URDF, or a robot in MJCF (``<mujoco>``), MuJoCo's format.
+    """Read and check a robot description in URDF, xacro, or MJCF (``<mujoco>``), MuJoCo's format.
+
+    Mass properties and mimic joints are checked with the scene, which may change masses, lock joints and fix
+    the base.
 
     Args:
-        path: The file; see :func:`spacerobot.description.find.find_urdf` for names.
-        expanded: URDF text that a file named ``*.xacro`` expands to; the file is expanded if None.
+        path: The file; :func:`spacerobot.description.find.find_urdf` finds files by name.
+        expanded: Expanded URDF text of a file named ``*.xacro``; the file is expanded if None.
 
     Raises:
-        DescriptionError: If the file cannot be read or holds something that cannot be simulated: planar or
-            floating joints, a closed loop, several roots, a zero axis, a number that is not finite. Names the
-            file and the element. Mass properties and mimicry are judged with the scene, which may change
-            masses, lock joints and fix the base.
+        DescriptionError: If the file cannot be read, or has unsupported or invalid content: planar or
+            floating joints, a closed loop, several roots, a zero axis, a number that is not finite. The
+            message has the file and the element.
     """
     from spacerobot.description.convert import convert_joint, convert_links, parse_urdf
 
@@ -116,7 +118,7 @@ def read_description(path: StrPath, expanded: str | None = None) -> Description:
 
 
 def _from_mjcf(data: bytes, source: Path) -> Description:
-    """Description of a robot in MuJoCo's format."""
+    """Description of a robot in MJCF."""
     from spacerobot.description.mjcf import read_mjcf, warnings_of
 
     model, name = read_mjcf(data, source)
@@ -133,7 +135,7 @@ def _from_mjcf(data: bytes, source: Path) -> Description:
 
 
 def _joint_warnings(joints: Sequence[UrdfJoint], without_dynamics: Collection[str]) -> list[str]:
-    """One line for each thing that is ignored, assumed or strange, with the joints it concerns."""
+    """Warnings about ignored or unusual properties of joints, with the names of the joints."""
     moving = [joint for joint in joints if joint.kind != "fixed"]
     concerned = {
         "no <dynamics>, damping taken as 0": [joint for joint in moving if joint.name in without_dynamics],

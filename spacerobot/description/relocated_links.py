@@ -1,4 +1,4 @@
-"""A URDF whose links are placed elsewhere on their parents."""
+"""Changes of link placements in a description."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from spacerobot.description.read import Description
 
 
 def placed(description: Description, origins: Mapping[str, Array]) -> Description:
-    """A description with the origins of some joints replaced.
+    """Description with other placements of some links on their parents.
 
     Args:
-        description: The URDF.
-        origins: Joint frame in the parent link's frame (4, 4) [m], by the name of the link that the joint
-            carries.
+        description: The description.
+        origins: Placement of the joint frame in the parent's frame (4, 4) [m], by name of the child link.
 
     Raises:
-        DescriptionError: If there is no such link, or it is the root and has no parent.
+        DescriptionError: If there is no such link, or it is the root.
     """
     carried = [joint.child for joint in description.joints]
     for link in origins:

@@ -1,4 +1,4 @@
-"""URDF text to an XML tree whose every element is well formed; nothing is looked up outside the text."""
+"""Syntax checks of URDF: a safe XML tree, with elements and attributes of the right number and type."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from spacerobot.common.errors import DescriptionError
 from spacerobot.description.parts import JointKind
 
 LARGEST = 1e12
-"""Lengths, masses and inertias beyond this (in SI units) are mistakes."""
-_LARGEST_LIMIT = 1.7976931348623157e308  # files write huge limits for "none"
+"""Maximum length, mass and inertia [SI units]; larger ones are errors."""
+_LARGEST_LIMIT = 1.7976931348623157e308  # files use very large limits for unlimited joints
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _SHAPES: dict[str, dict[str, int]] = {
     "box": {"size": 3},
@@ -26,11 +26,11 @@ _OTHERS = {"link", "joint", "material", "gazebo", "transmission", "sensor", "dra
 
 
 def parse_xml(data: bytes, source: Path) -> etree._Element:
-    """Root of the XML in ``data``: no external entity, no network, no document type, no recovery.
+    """Root element of XML data, parsed without external entities, network access or error recovery.
 
     Raises:
-        DescriptionError: If it is no well-formed XML, or declares a document type (and with it perhaps
-            entities).
+        DescriptionError: If the data is not well-formed XML, or declares a document type, which may define
+            entities.
     """
     parser = etree.XMLParser(
         resolve_entities=False,
@@ -51,13 +51,13 @@ def parse_xml(data: bytes, source: Path) -> etree._Element:
 
 
 def check_syntax(root: etree._Element, source: Path) -> list[str]:
-    """Check that all elements that matter are there once, with attributes of the right kind.
+    """Check the number of elements and the types of their attributes.
 
     Returns:
-        list[str]: Warnings: top-level elements that are no part of URDF.
+        list[str]: Warnings about unknown top-level elements.
 
     Raises:
-        DescriptionError: Names the file and the element.
+        DescriptionError: If a check fails; the message has the file and the element.
     """
     _Checker(source).robot(root)
     unknown = sorted({str(child.tag) for child in root if child.tag not in _OTHERS})
@@ -65,13 +65,13 @@ def check_syntax(root: etree._Element, source: Path) -> list[str]:
 
 
 class _Checker:
-    """Walks the tree; keeps only the file's name, for errors."""
+    """Checks of a URDF tree; ``source`` is the file for error messages."""
 
     def __init__(self, source: Path) -> None:
         self._source = source
 
     def robot(self, root: etree._Element) -> None:
-        """Check the whole file; see :func:`check_syntax`."""
+        """Check the complete tree; see :func:`check_syntax`."""
         if root.tag != "robot":
             raise self._error(root, "is the outermost element; it has to be <robot>")
         self._text(root, "name")
@@ -169,7 +169,7 @@ class _Checker:
         low: float = -LARGEST,
         high: float = LARGEST,
     ) -> None:
-        """Check that the attribute holds ``count`` finite numbers in the range."""
+        """Check that an attribute has ``count`` finite numbers in a range."""
         text = element.get(attribute)
         if text is None and not needed:
             return
@@ -187,7 +187,7 @@ class _Checker:
                 )
 
     def _error(self, element: etree._Element, message: str) -> DescriptionError:
-        """Error at an element, with the named element that holds it and its line."""
+        """Error at an element, with the link or joint that contains it and its line."""
         where = []
         for ancestor in reversed([element, *element.iterancestors()]):
             name = ancestor.get("name")

@@ -1,4 +1,4 @@
-"""Links and joints have to make one tree."""
+"""Check that links and joints form one tree."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from spacerobot.common.errors import DescriptionError, near_names
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 
 MOST_LINKS = 1000
-"""More than any robot has; whoever builds the model does so recursively."""
+"""Maximum number of links: the model is built recursively."""
 
 
 def root_link(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], source: Path) -> str:
-    """Name of the one link that has no parent and from which all others are reached.
+    """Name of the root link, after a check that links and joints form one tree.
 
     Raises:
-        DescriptionError: If there is no link, too many of them, several roots, a link with two parents, a
-            closed loop, or a joint that names no link.
+        DescriptionError: If there are no links, too many links, several roots, a link with two parents, a
+            closed loop, or a joint with an unknown link.
     """
     if not links:
         raise DescriptionError("holds no link", source=source)

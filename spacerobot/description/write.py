@@ -1,4 +1,4 @@
-"""Links and joints to URDF text, with every name prefixed; yourdfpy does the writing."""
+"""URDF text of links and joints, written by yourdfpy."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from spacerobot.description.library import yourdfpy as yp
 from spacerobot.description.parts import Geometry, UrdfJoint, UrdfLink
 
 _NO_LIMIT = 1e9
-"""Number that stands for no limit [SI]."""
+"""Value of a missing limit in URDF text [SI units]."""
 
 
 def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], prefix: str) -> str:
-    """URDF of these links and joints, each named ``prefix`` + its own name.
+    """URDF text of links and joints with prefixed names.
 
-    Inertias are written in link axes, colours inside the shape that has them, meshes by absolute path.
+    Inertias are in link axes, colours are defined in the shapes, and meshes have absolute paths.
     """
-    elements, held = [], []
+    elements, joint_elements = [], []
     for link in links:
         inertial, visuals = None, []
         if link.mass > 0:
@@ -27,7 +27,7 @@ def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], 
             at_com[:3, 3] = link.com
             inertial = yp.Inertial(origin=at_com, mass=link.mass, inertia=link.inertia)
         for shape in link.visuals:
-            # named after its colour: of two materials with the same name, readers take the first for both
+            # named by its colour: readers use the first of several materials with the same name for all
             material = None
             if shape.rgba is not None:
                 named = "rgba_" + "_".join(f"{value:g}" for value in shape.rgba)
@@ -44,11 +44,11 @@ def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], 
         }
         finite = {key: value for key, value in limits.items() if np.isfinite(value)}
         moves = joint.kind != "fixed"
-        if joint.kind in ("revolute", "prismatic"):  # whose <limit> the parser needs with all attributes
+        if joint.kind in ("revolute", "prismatic"):  # the parser requires all attributes of their <limit>
             finite |= {
                 key: _NO_LIMIT if key != "lower" else -_NO_LIMIT for key in limits if key not in finite
             }
-        held.append(
+        joint_elements.append(
             yp.Joint(
                 name=prefix + joint.name,
                 type=joint.kind,
@@ -60,7 +60,7 @@ def urdf_xml(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], 
                 limit=yp.Limit(**finite) if finite and moves else None,
             )
         )
-    robot = yp.Robot(name=name, links=elements, joints=held)
+    robot = yp.Robot(name=name, links=elements, joints=joint_elements)
     urdf = yp.URDF(
         robot, build_scene_graph=False, load_meshes=False, filename_handler=yp.filename_handler_null
     )

@@ -1,4 +1,4 @@
-"""Files written for xacro, the macro language of ROS, expanded in a confined process."""
+"""Expansion of xacro files, ROS's macro language for URDF, in a confined process."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from spacerobot.description.syntax import parse_xml
 
 SUFFIX = ".xacro"
 MAX_CPU_S = 10
-"""Processor time after which an expansion is stopped [s]."""
+"""Processor time after which an expansion is ended [s]."""
 TIMEOUT_S = 60
-"""Duration after which it is stopped, whatever it waits for [s]."""
+"""Wall time after which an expansion is ended [s]."""
 _ENVIRONMENT = ("PATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
 
 
 def refuse_xacro(root: etree._Element, source: Path) -> None:
-    """Refuse xacro elements in a file that is no xacro file.
+    """Check that a URDF file has no xacro elements.
 
     Raises:
-        DescriptionError: With the first of them, and how to mend it.
+        DescriptionError: If it has one; the message states the remedy.
     """
     for element in root.iter():
         if "xacro" in str(element.tag):
@@ -40,11 +40,11 @@ def refuse_xacro(root: etree._Element, source: Path) -> None:
 
 
 def expand_xacro(source: Path) -> str:
-    """URDF text of a xacro file, indented and without comments, its arguments at their defaults.
+    """Expand a xacro file with its default arguments to URDF text, indented and without comments.
 
-    The file is a program. It runs in a process of its own, which may read the file's folder (or its ROS
-    package) and the packages that ``$(find ...)`` names, and whose time, memory and output are limited;
-    see :mod:`spacerobot.description.xacro_process`.
+    A xacro file is a program. It runs in a separate process, which may read only the file's folder (or its
+    ROS package) and the packages named by ``$(find ...)``, and whose time, memory and output are limited; see
+    :mod:`spacerobot.description.xacro_process`.
 
     Raises:
         DescriptionError: If the ``xacro`` package is not installed or cannot expand the file, or the file

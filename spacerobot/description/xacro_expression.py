@@ -1,8 +1,9 @@
-"""Restricted evaluator of the expressions in xacro files: arithmetic, containers and listed functions.
+"""Restricted evaluator of expressions in xacro files: arithmetic, containers and listed functions.
 
 The xacro package evaluates ``${...}`` by Python's ``eval``, from which attributes of any object lead to the
-interpreter (``().__class__.__base__.__subclasses__()``). Here a syntax tree is walked and only the node types
-below are known: attributes are entries of namespaces and YAML mappings or listed methods of plain values.
+interpreter (``().__class__.__base__.__subclasses__()``). This module evaluates the syntax tree and accepts
+only the node types below. Attributes are entries of namespaces and YAML mappings, or listed methods of plain
+values.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 MAX_BITS = 100_000
-"""Bits of an integer, and items of a repeated sequence, that an operator may return."""
+"""Maximum bits of an integer, or items of a repeated sequence, that an operator may return."""
 WITHHELD = ("type", "vars", "repr", "hash")
-"""Functions of xacro's namespace ``python`` that read arbitrary objects."""
+"""Removed functions of xacro's namespace ``python``, which read arbitrary objects."""
 
 _METHODS: dict[type, tuple[str, ...]] = {
     str: (
@@ -38,7 +39,7 @@ _METHODS: dict[type, tuple[str, ...]] = {
     tuple: ("count", "index"),
     dict: ("get", "items", "keys", "values"),
 }
-"""Methods by type; none formats text or changes a value."""
+"""Allowed methods by type; none formats text or modifies a value."""
 _UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
@@ -74,7 +75,7 @@ _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
 
 
 class ExpressionError(Exception):
-    """An expression that uses more of Python than a xacro file may."""
+    """Expression with a part of Python that is not allowed in xacro files."""
 
 
 def evaluate(expression: str, symbols: Mapping[str, Any], _: Any = None) -> Any:
@@ -82,19 +83,19 @@ def evaluate(expression: str, symbols: Mapping[str, Any], _: Any = None) -> Any:
 
     Args:
         expression: Text between ``${`` and ``}``.
-        symbols: Values, functions and namespaces by name. Functions are called as they are, so none of them
-            may give access to more than the file is allowed.
+        symbols: Values, functions and namespaces by name. Functions are called without restrictions and must
+            therefore be safe.
 
     Raises:
-        ExpressionError: If the expression uses a part of the language, an attribute or a size that is not
+        ExpressionError: If the expression has a part of the language, an attribute or a size that is not
             allowed.
-        NameError: If it uses an unknown name.
+        NameError: If it has an unknown name.
     """
     return _Evaluator(symbols).value(ast.parse(expression.strip(), "<expression>", "eval").body)
 
 
 class _Evaluator:
-    """Walk of one syntax tree; holds the symbols and the variables of comprehensions."""
+    """Evaluator of a syntax tree with symbols and the variables of comprehensions."""
 
     def __init__(self, symbols: Mapping[str, Any]) -> None:
         self._symbols = symbols
@@ -192,7 +193,7 @@ class _Evaluator:
     _generatorexp = _listcomp
 
     def _rounds(self, generators: list[ast.comprehension]) -> Iterator[None]:
-        """Bind the variables of a comprehension, once for each of its elements."""
+        """Iterate over the elements of a comprehension, with its variables bound."""
         if not generators:
             yield
             return
@@ -206,7 +207,7 @@ class _Evaluator:
 
 
 def _bound(target: ast.expr, item: Any) -> dict[str, Any]:
-    """Variables of a comprehension's target."""
+    """Values of the variables in a comprehension's target."""
     if isinstance(target, ast.Name):
         return {target.id: item}
     if isinstance(target, ast.Tuple):
@@ -222,7 +223,7 @@ def _result_bits(operation: ast.operator, left: Any, right: Any) -> int:
             if isinstance(sequence, str | list | tuple) and isinstance(count, int):
                 return len(sequence) * max(count, 0)
     if isinstance(operation, ast.Mod) and isinstance(left, str):
-        # "%9999999d" % 1 has as many letters as its width states
+        # "%9999999d" % 1 has as many characters as its width
         return MAX_BITS + 1 if re.search(r"[0-9]{4}|\*", left) else 0
     if not (isinstance(left, int) and isinstance(right, int)):
         return 0

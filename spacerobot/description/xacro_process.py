@@ -1,9 +1,9 @@
 """Process that expands one xacro file: ``python -m spacerobot.description.xacro_process FILE SECONDS``.
 
-The URDF goes to standard output; after an error its one line does, with exit code 3. Three layers confine the
-file. Its expressions are evaluated by :mod:`spacerobot.description.xacro_expression`. An audit hook refuses
-whatever executes code, starts processes or opens files outside the file's own folder (its ROS package, if it
-is in one) and the packages that ``$(find ...)`` names. Processor time, memory, elements and text are limited.
+The process writes the URDF, or an error in one line with exit code 3, to standard output. Three measures
+confine the file. :mod:`spacerobot.description.xacro_expression` evaluates its expressions. An audit hook
+prevents the execution of code, the start of processes, and access to files outside the file's folder (or ROS
+package) and the packages named by ``$(find ...)``. Processor time, memory, elements and text are limited.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ MAX_MEMORY = 1 << 30
 MAX_ELEMENTS = 30_000
 MAX_BYTES = 2_000_000
 MANIFEST = "package.xml"
-"""File by which the folder of a ROS package is known."""
+"""File that identifies the folder of a ROS package."""
 REFUSED = 3
-"""Exit code after an error that standard output names."""
+"""Exit code after an error whose message is on standard output."""
 
 
 class Confinement:
-    """Folders that may be read, and the audit hook that holds the process to them.
+    """Folders that may be read, and the audit hook that enforces this.
 
     Args:
         source: The xacro file.
@@ -42,10 +42,10 @@ class Confinement:
         self._packages = [package.name]
 
     def find(self, name: str) -> str:
-        """Folder of a ROS package, which may be read from now on.
+        """Find the folder of a ROS package and permit its reading.
 
         Raises:
-            ValueError: If there is none.
+            ValueError: If there is no such package.
         """
         folder = find_package(name, self._source)
         if folder is None:
@@ -58,16 +58,16 @@ class Confinement:
         return str(folder)
 
     def _may_read(self, path: Path) -> bool:
-        """Whether a resolved path lies in an allowed folder, or is linked from a package into its sources."""
+        """Whether a resolved path is in an allowed folder, or in the source folder of an allowed package."""
         sources = (f for f in path.parents if f.name in self._packages and (f / MANIFEST).is_file())
         return any(path.is_relative_to(folder) for folder in self._folders) or any(sources)
 
     def audit(self, event: str, arguments: tuple[Any, ...]) -> None:
-        """Refuse an event of the interpreter; see :func:`sys.addaudithook`.
+        """Audit hook of the interpreter; see :func:`sys.addaudithook`.
 
         Raises:
-            PermissionError: If it reads elsewhere.
-            RuntimeError: If it is no reading at all.
+            PermissionError: If the event writes a file, or reads outside the allowed folders.
+            RuntimeError: If the event executes code, imports a module or starts a process.
         """
         if event in ("open", "os.listdir", "os.scandir", "glob.glob"):
             path, mode = arguments[0], arguments[1] if event == "open" else None
@@ -75,7 +75,7 @@ class Confinement:
                 return
             writes = isinstance(mode, str) and not set(mode) <= set("rbtU")
             place = os.fsdecode(path or ".") if isinstance(path, str | bytes | os.PathLike) else str(path)
-            if event == "glob.glob":  # each folder that it lists is an event of its own
+            if event == "glob.glob":  # every folder that it lists causes a separate event
                 return
             if writes or not self._may_read(Path(os.path.realpath(place))):
                 raise PermissionError(
@@ -87,7 +87,7 @@ class Confinement:
 
 
 def _limit_elements() -> None:
-    """Count the elements that are created."""
+    """Limit the number of XML elements that the process creates."""
     create = minidom.Element.__init__
     count = 0
 
@@ -104,7 +104,7 @@ def _limit_elements() -> None:
 def _limit_resources(cpu_s: int) -> None:
     try:
         import resource
-    except ImportError:  # Windows has none; there the waiting process ends it after a time
+    except ImportError:  # not on Windows, where the parent process ends this one after TIMEOUT_S
         return
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
@@ -112,16 +112,16 @@ def _limit_resources(cpu_s: int) -> None:
 
 
 def _restrict(confinement: Confinement) -> Any:
-    """Replace the xacro package's evaluators and its access to environment and packages.
+    """Replace the evaluators of the xacro package, and its access to the environment and to packages.
 
     Raises:
-        ValueError: If the package's version has others.
+        ValueError: If the version of the package lacks the replaced functions.
     """
     import xacro
     from xacro import substitution_args
 
     for module in ("yaml", "xml.dom.expatbuilder", "xml.parsers.expat"):
-        importlib.import_module(module)  # imports are refused later on
+        importlib.import_module(module)  # the audit hook prevents later imports
 
     def refuse_environment(name: str) -> str:
         raise ValueError(
@@ -152,7 +152,7 @@ def _restrict(confinement: Confinement) -> Any:
 
 
 def _message(error: BaseException) -> str:
-    """Innermost cause of an error of xacro, and the expression that it occurred in."""
+    """Innermost cause of an xacro error, with the expression in which it occurred."""
     place = ""
     while isinstance(cause := getattr(error, "exc", None), Exception):
         error, place = cause, getattr(error, "suffix", None) or place
@@ -168,9 +168,9 @@ def _message(error: BaseException) -> str:
 
 
 def main() -> int:
-    """Expand the file that the command line names."""
+    """Expand the file named on the command line, and return the exit code."""
     source = Path(sys.argv[1])
-    output, sys.stdout = sys.stdout.buffer, sys.stderr  # what the file prints is no URDF
+    output, sys.stdout = sys.stdout.buffer, sys.stderr  # prints of the file must not mix with the URDF
     confinement = Confinement(source)
     try:
         xacro = _restrict(confinement)
@@ -180,7 +180,7 @@ def main() -> int:
         text: bytes = xacro.process_file(str(source), verbosity=0).toxml("utf-8")
         if len(text) > MAX_BYTES:
             raise ValueError(f"expands to {len(text)} bytes, allowed are {MAX_BYTES}")
-    except Exception as error:  # whatever the program in the file raises
+    except Exception as error:  # the file, a program, may raise anything
         text, code = _message(error).encode("utf-8", "replace"), REFUSED
     else:
         code = 0

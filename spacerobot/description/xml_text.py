@@ -1,4 +1,4 @@
-"""Small pieces of URDF text, from which the generators build whole files."""
+"""Elements of URDF text, from which generators build files."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ PALETTE: dict[str, str] = {
     "debris": "0.42 0.50 0.47 1",
     "mate": "0.80 0.12 0.16 1",
 }
-"""Colours (red, green, blue, opacity) of everything that ships."""
+"""Colours (red, green, blue, opacity) of shipped and generated URDFs."""
 
 
 def number(value: float) -> str:
-    """Text of ``value`` to 15 significant digits, without trailing zeros."""
+    """Text of a number with up to 15 significant digits, without trailing zeros."""
     return f"{float(value) + 0.0:.15g}"
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers separated by spaces, as in ``xyz="0 0 1"``."""
+    """Text of numbers, separated by spaces."""
     return " ".join(number(value) for value in values)
 
 
 def origin(xyz: Sequence[float] = (0, 0, 0), rpy: Sequence[float] = (0, 0, 0)) -> str:
-    """``<origin>`` from a position in m and fixed-axis roll, pitch, yaw in rad; empty for the identity."""
+    """``<origin>`` of a position [m] and fixed-axis roll, pitch, yaw [rad]; empty for the identity."""
     if not any((*xyz, *rpy)):
         return ""
     turn = f' rpy="{" ".join(repr(float(angle)) for angle in rpy)}"' if any(rpy) else ""
@@ -40,22 +40,22 @@ def origin(xyz: Sequence[float] = (0, 0, 0), rpy: Sequence[float] = (0, 0, 0)) -
 
 
 def box(size: Sequence[float]) -> str:
-    """Box with edge lengths in m along x, y and z."""
+    """``<box>`` with edge lengths along x, y, z (3,) [m]."""
     return f'<box size="{numbers(size)}"/>'
 
 
 def cylinder(radius_m: float, length_m: float) -> str:
-    """Cylinder about z, centred at its origin."""
+    """``<cylinder>`` about z, centred at its origin."""
     return f'<cylinder radius="{number(radius_m)}" length="{number(length_m)}"/>'
 
 
 def sphere(radius_m: float) -> str:
-    """Sphere centred at its origin."""
+    """``<sphere>`` centred at its origin."""
     return f'<sphere radius="{number(radius_m)}"/>'
 
 
 def shape(kind: str, geometry: str, colour: str, place: str = "") -> list[str]:
-    """Lines of one ``<visual>`` (in a colour of :data:`PALETTE`) or ``<collision>``."""
+    """Lines of a ``<visual>``, in a colour of :data:`PALETTE`, or of a ``<collision>``."""
     lines = [
         f"    <{kind}>",
         *([f"      {place}"] if place else []),
@@ -66,8 +66,8 @@ def shape(kind: str, geometry: str, colour: str, place: str = "") -> list[str]:
     return [*lines, f"    </{kind}>"]
 
 
-def seen(geometry: str, colour: str, place: str = "") -> list[str]:
-    """A primitive that is drawn and also collides."""
+def visual_and_collision(geometry: str, colour: str, place: str = "") -> list[str]:
+    """Lines of a ``<visual>`` and a ``<collision>`` of the same geometry."""
     return shape("visual", geometry, colour, place) + shape("collision", geometry, colour, place)
 
 
@@ -77,7 +77,7 @@ def inertial(
     com: Sequence[float] = (0, 0, 0),
     ixy_ixz_iyz: Sequence[float] = (0, 0, 0),
 ) -> list[str]:
-    """``<inertial>`` with inertia in kg m^2 about the centre of mass, in axes parallel to the link's own."""
+    """Lines of an ``<inertial>``; the inertia [kg m^2] is about the centre of mass, link axes."""
     ixx, iyy, izz = (number(value) for value in ixx_iyy_izz)
     ixy, ixz, iyz = (number(value) for value in ixy_ixz_iyz)
     place = origin(com)
@@ -91,19 +91,19 @@ def inertial(
 
 
 def link(name: str, *parts: list[str]) -> list[str]:
-    """Lines of one ``<link>``."""
+    """Lines of a ``<link>``."""
     body = [line for part in parts for line in part]
     return [f'  <link name="{name}">', *body, "  </link>"] if body else [f'  <link name="{name}"/>']
 
 
 def fixed(name: str, parent: str, child: str, place: str) -> list[str]:
-    """Lines of a fixed ``<joint>``: ``child`` becomes a frame welded to ``parent``."""
+    """Lines of a fixed ``<joint>``."""
     return _joint(name, "fixed", parent, child, place, [])
 
 
 @dataclass(frozen=True)
 class Hinge:
-    """A revolute joint's axis, limits and viscous resistance; one limit in rad holds on both sides."""
+    """Axis, limits and viscous damping of a revolute joint; a single ``limit_rad`` applies to both sides."""
 
     axis: Sequence[float]
     limit_rad: float | tuple[float, float]
@@ -136,10 +136,11 @@ def _joint(name: str, kind: str, parent: str, child: str, place: str, lines: lis
 
 
 def robot(name: str, comment: str, *parts: list[str]) -> str:
-    """Whole file: header, the colours that are used, links and joints.
+    """Text of a URDF file: header, used colours, links and joints.
 
     Raises:
-        DescriptionError: If ``name`` is empty or holds anything but letters, digits, ``_``, ``.`` and ``-``.
+        DescriptionError: If the name is empty or has characters other than letters, digits, ``_``, ``.``,
+            ``-``.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
         raise DescriptionError(f"{name!r} found, allowed are letters, digits, '_', '.' and '-'", where="name")
@@ -160,10 +161,10 @@ def robot(name: str, comment: str, *parts: list[str]) -> str:
 
 
 def require_in_range(where: str, value: float, low: float, high: float) -> None:
-    """Check ``low <= value <= high``, which also refuses what is not finite.
+    """Check that a number is in a range; NaN is not.
 
     Raises:
-        DescriptionError: If it does not hold; names the parameter and the range.
+        DescriptionError: If it is not; the message has the name of the parameter and the range.
     """
     if not low <= value <= high:
         raise DescriptionError(f"{value!r} found, allowed are {low:g} to {high:g}", where=where)

@@ -1,4 +1,4 @@
-"""Drafts of scenarios: from URDFs to a file that was simulated before it is written, ready to edit."""
+"""Drafts of scenarios from URDFs, simulated before they are written."""
 
 from spacerobot.common.lazy_names import lazy_names
 

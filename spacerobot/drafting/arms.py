@@ -1,4 +1,4 @@
-"""Properties of URDFs that a draft uses: names, chains, an initial posture."""
+"""Arms of a draft: names, kinematic chains, and initial postures, from URDFs."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from spacerobot.scene.build import build_scene
 from spacerobot.scene.scene import Scene
 
 POSTURES = 500
-"""How many are tried."""
-RANKED = 60  # best ones that are kept
-SPREAD = np.pi / 3  # [rad] that a tried posture differs from the middle of a joint's range, at most
+"""Number of random postures."""
+RANKED = 60  # number of the best postures that are kept
+SPREAD = np.pi / 3  # maximum distance of a posture from the middle of a joint's range [rad]
 ROUND_DEG = 5.0
 BUS, BUS_DENSITY = 20.0, 300.0
-"""Mass of a spacecraft per mass of its arm, and per volume [kg/m^3], where one has to be made up."""
-SHORTEST = 0.03  # [m] of what counts as a part of an arm
-MOVES = 1e-3  # least singular value of a tip's Jacobian, lengths in units of its reach, that counts
+"""Mass of an assumed spacecraft relative to that of its arm, and its density [kg/m^3]."""
+SHORTEST = 0.03  # minimum length of the last part of an arm [m]
+MOVES = 1e-3  # minimum singular value of a regular tip Jacobian, with lengths relative to the reach
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class RobotFiles:
     """URDFs of a robot.
 
     Attributes:
-        urdf: As the scenario names it.
-        description: Links and joints, with those of the arms that are mounted on it.
-        mounts: Sections of these arms, by name.
-        source: The scenario's file.
+        urdf: Name or path of the robot's URDF in the scenario.
+        description: Links and joints, including those of mounted arms.
+        mounts: Sections of the mounted arms by name.
+        source: File of the scenario.
     """
 
     urdf: str
@@ -54,14 +54,14 @@ class DraftArm:
     """A robot of the draft.
 
     Attributes:
-        name: In the scenario.
-        files: Its URDFs.
-        tip: Link that holds the target.
+        name: Name of the robot in the scenario.
+        files: URDFs of the robot.
+        tip: Name of the link that holds the target.
         chain: Moving joints from the base to the tip.
-        joints: Initial state by name, as the scenario says it; others than those of the chain are locked.
-        planar: Whether it moves in the x-y plane only.
-        turns: Whether the chain moves its tip in every direction and about every axis.
-        alternatives: The same in further postures, the better ones first.
+        joints: Sections of joints by name: initial states of the chain's joints; other joints are locked.
+        planar: Whether the robot moves in the x-y plane only.
+        turns: Whether the chain can move its tip along and about every axis.
+        alternatives: The robot in further postures, the best ones first.
     """
 
     name: str
@@ -75,15 +75,22 @@ class DraftArm:
 
     @property
     def tip_name(self) -> str:
-        """The tip's name in the scenario."""
+        """Name of the tip in the scenario."""
         return as_name(self.tip)
 
 
 def read(urdf: str, folder: Path) -> tuple[str, Description]:
-    """A URDF, and how a scenario in ``folder`` names it.
+    """Read a URDF.
+
+    Args:
+        urdf: Path, or name of a shipped file.
+        folder: Folder of the scenario.
+
+    Returns:
+        tuple: Name or path of the URDF in the scenario, and the description.
 
     Raises:
-        DescriptionError: If it is not found or cannot be used.
+        DescriptionError: If the URDF is not found or cannot be used.
     """
     path = find_urdf(urdf, Path.cwd())
     if path.parent == shipped_urdf_folder() and not (folder / path.name).is_file():
@@ -93,46 +100,46 @@ def read(urdf: str, folder: Path) -> tuple[str, Description]:
 
 
 def scene_of(document: Document, source: Path) -> Scene:
-    """Scene of a drafted document that will stand in ``source``; xacro files are the user's own.
+    """Scene of a drafted document that will be written to ``source``; xacro files are expanded.
 
     Raises:
-        ScenarioError, DescriptionError: If it cannot be simulated.
+        ScenarioError, DescriptionError: If the scene cannot be simulated.
     """
     return build_scene(validate(document, source=source), source=source, expand_xacro=True)
 
 
 def as_name(text: str, taken: Sequence[str] = ()) -> str:
-    """Name that a scenario accepts, unlike those taken."""
+    """Valid name in a scenario made from a text, different from the names in ``taken``."""
     name = (re.sub(r"[^\w-]", "_", text, flags=re.ASCII).lstrip("0123456789-") or "robot")[:60]
     taken = (*taken, "target")
     return next(n for n in (name, *(f"{name}_{i}" for i in range(2, 99))) if n not in taken)
 
 
 def ends(description: Description) -> list[str]:
-    """Links at the ends of a URDF's chains."""
+    """Names of the links at the ends of a description's chains."""
     parents = {joint.parent for joint in description.joints}
     return [link.name for link in description.links if link.name not in parents]
 
 
 def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
-    """Arm with a chain and a posture.
+    """Choose the chain and the initial posture of an arm.
 
     Args:
-        name: Of the robot in the scenario.
-        files: Its URDFs.
-        tip: Link that holds the target; the only end of its chains if None.
+        name: Name of the robot in the scenario.
+        files: URDFs of the robot.
+        tip: Link that holds the target; the end of the chain, if there is only one, if None.
 
     Raises:
-        ScenarioError, DescriptionError: If it has no such tip, or the URDF cannot be simulated.
+        ScenarioError, DescriptionError: If there is no such tip, or the robot cannot be simulated.
     """
     description = files.description
     file = description.path.name
     if tip is None:
-        found = ends(description)
-        if len(found) != 1:
-            message = f"name the link of {file} that holds the target; its ends: {', '.join(found)}"
+        end_links = ends(description)
+        if len(end_links) != 1:
+            message = f"name the link of {file} that holds the target; its ends: {', '.join(end_links)}"
             raise ScenarioError(message, where="--tip")
-        link = found[0]
+        link = end_links[0]
     else:
         link, names = tip, [link.name for link in description.links]
         if tip not in names:
@@ -151,17 +158,17 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     trial = {"urdf": files.urdf, "base": {"joint": "fixed"}, "joints": locked, "mounts": files.mounts}
     trial["tips"] = {"tip": {"frame": link}}
     scene = scene_of({"robots": {"trial": trial}}, files.source)
-    # the posture, of some drawn about the middles of the joints' ranges, from which the tip moves best
+    # postures drawn about the middles of the joints' ranges, ranked by the agility of the tip
     free = [joint for joint in chain if joint.mimic is None]
     limited = [bool(np.isfinite(joint.lower) and np.isfinite(joint.upper)) for joint in free]
     middle = np.array(
-        [(own.lower + own.upper) / 2 if known else 0.0 for own, known in zip(free, limited, strict=True)]
+        [(j.lower + j.upper) / 2 if is_limited else 0.0 for j, is_limited in zip(free, limited, strict=True)]
     )
     spread = np.array([min(float((joint.upper - joint.lower) / 2) * 0.7, SPREAD) for joint in free])
     ranked = list[tuple[float, Array, bool]]()
     draws = np.random.default_rng(0).uniform(-1, 1, (POSTURES, len(free)))
     for draw in (np.zeros(len(free)), *draws):
-        # Angles in steps that read well, within the joints' ranges.
+        # angles rounded to 5 degrees, unless that leaves a joint's range
         values = middle + spread * draw
         step = np.array([1e-2 if joint.kind == "prismatic" else np.radians(ROUND_DEG) for joint in free])
         rounded = np.round(values / step) * step
@@ -170,10 +177,10 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
         score, every_way = _agility(scene, free, tried)
         ranked.append((score, tried, every_way))
     ranked.sort(key=lambda one: -round(one[0], 12))
-    # arms of the same make as the one that moves have its posture
-    own = next((mount for mount in files.mounts if link.startswith(f"{mount}_")), "")
-    make = files.mounts[own]["urdf"] if own else None
-    twins = [name for name, mount in files.mounts.items() if name != own and mount["urdf"] == make]
+    # mounted arms with the same URDF as the moving one have the same posture
+    active = next((mount for mount in files.mounts if link.startswith(f"{mount}_")), "")
+    active_urdf = files.mounts[active]["urdf"] if active else None
+    twins = [name for name, mount in files.mounts.items() if name != active and mount["urdf"] == active_urdf]
     arms = list[DraftArm]()
     for _, posture, turns in ranked[:RANKED]:
         joints: Document = {
@@ -182,20 +189,24 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
             else {"angle_deg": round(float(np.degrees(x)), 6)}
             for joint, x in zip(free, posture, strict=True)
         }
-        twin = {mount + name.removeprefix(own): state for mount in twins for name, state in joints.items()}
-        held = {name: state | twin.get(name, {}) for name, state in locked.items()}
-        arms.append(DraftArm(name, files, link, tuple(chain), joints | held, scene.planar, turns))
+        twin = {mount + name.removeprefix(active): state for mount in twins for name, state in joints.items()}
+        others_locked = {name: state | twin.get(name, {}) for name, state in locked.items()}
+        arms.append(DraftArm(name, files, link, tuple(chain), joints | others_locked, scene.planar, turns))
     return replace(arms[0], alternatives=tuple(arms[1:]))
 
 
 def stand_in(description: Description, object_mass: float) -> Document | None:
-    """Mass properties of a root link that stand in for a spacecraft; None where the base needs none.
+    """Mass properties of an assumed spacecraft for the root link; None if the base is heavy enough.
 
-    A base lighter than what it moves becomes a cube of 20 times that mass, and no lighter than the object
-    [kg]: an arm on a base lighter than the object moves the base instead.
+    A base lighter than its arm becomes a cube with 20 times the arm's mass, but not lighter than the object:
+    an arm on a base lighter than the object would mainly move the base.
+
+    Args:
+        description: Description of the robot.
+        object_mass: Mass of the object [kg].
     """
-    base, *moved = welded_bodies(description.links, description.joints, description.root)
-    carried = sum(body.mass for body in moved)
+    base, *arm_bodies = welded_bodies(description.links, description.joints, description.root)
+    carried = sum(body.mass for body in arm_bodies)
     if base.mass >= carried:
         return None
     mass = float(f"{max(BUS * carried, object_mass):.1g}")
@@ -204,11 +215,15 @@ def stand_in(description: Description, object_mass: float) -> Document | None:
 
 
 def _agility(scene: Scene, free: Sequence[UrdfJoint], posture: Array) -> tuple[float, bool]:
-    """How well the tip moves in its worst direction, less near the base; whether it moves in every one."""
+    """Agility of the tip in a posture, and whether it can move along and about every axis.
+
+    The agility is the smallest singular value of the tip's Jacobian, with lengths relative to the reach. It
+    is reduced near the base, and if the last part of the arm points back to the first joint.
+    """
     model, data, q = scene.model, scene.model.createData(), pin.neutral(scene.model)
     for joint, x in zip(free, posture, strict=True):
-        own = model.joints[model.getJointId(f"trial/{joint.name}")]
-        q[own.idx_q : own.idx_q + own.nq] = [np.cos(x), np.sin(x)] if own.nq == 2 else [x]
+        moving = model.joints[model.getJointId(f"trial/{joint.name}")]
+        q[moving.idx_q : moving.idx_q + moving.nq] = [np.cos(x), np.sin(x)] if moving.nq == 2 else [x]
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     tip = scene.tips[0]
@@ -222,7 +237,7 @@ def _agility(scene: Scene, free: Sequence[UrdfJoint], posture: Array) -> tuple[f
     singular = np.linalg.svd(rows, compute_uv=False)
     every_way = len(singular) == len(axes) and bool(singular[-1] > MOVES)
     chain = [data.oMi[model.getJointId(f"trial/{joint.name}")].translation for joint in free]
-    # how far the last part of the arm points away from its first joint: 1 straight away, 0 straight back
+    # direction of the last part of the arm relative to its first joint: 1 straight away, 0 straight back
     end = data.oMf[tip.frame].translation
     last = next((origin for origin in reversed(chain) if np.linalg.norm(end - origin) > SHORTEST), end)
     part, out = end - last, end - chain[0]

@@ -1,21 +1,21 @@
-"""A docking around two URDFs: an arm approaches an object, captures it and stops it.
+"""Draft of a docking: an arm approaches an object, captures it and stops it.
 
-The scene begins as the one in which the arm holds the object (:mod:`spacerobot.drafting.held`), with the
-object moved away along the direction of approach, as far as moves no joint by more than about 0.3 rad. So the
-capture lies where the arm moves well, and the tip already has the orientation in which it is mated.
+The initial scene is that in which the arm holds the object (:mod:`spacerobot.drafting.held`), with the object
+moved away along the direction of approach, so far that no joint needs to move by more than about 0.3 rad. At
+the capture, the arm is therefore in an agile posture. The tip has its mated orientation from the start.
 
-**Approach.** The inertia that a tip feels differs between directions, most of all for arms with a light
-wrist. A PID with one gain for all of them, mapped by the Jacobian's transpose, then has bandwidths that
-differ as the inertias do: the tip of a UR3 turned at 3 deg/s while it hardly followed. Resolved rates by
-the generalized Jacobian with inverse dynamics (:mod:`spacerobot.elements.controllers.resolved_rate`) have
-the poles -g and -k in every direction, g being ``gain`` and k ``rate_gain``.
+**Approach.** The effective inertia at a tip depends on the direction, most of all for arms with a light
+wrist. The bandwidth of a PID with one gain for all directions and the Jacobian's transpose depends on the
+direction in the same ratio: the tip of a UR3 rotated at 3 deg/s while it hardly tracked its reference.
+Resolved rates by the generalised Jacobian with inverse dynamics
+(:mod:`spacerobot.elements.controllers.resolved_rate`) have the poles -g and -k in every direction, with g =
+``gain`` and k = ``rate_gain``.
 
-**Stop.** The same law with the object as payload: its inertia belongs to the robot's then, and the poles stay
-where they are.
+**Stop.** The same law with the object as payload includes the object's inertia, so that the poles are
+unchanged.
 
-**Slowdown.** A draft slowed down by s has durations s times longer, speeds and rates of its controllers s
-times lower and torques s^2 times lower. It is the one number that :mod:`spacerobot.drafting.verified` changes
-until a draft captures.
+**Slowdown.** With a slowdown s, durations are s times longer, speeds and bandwidths s times lower and torques
+s^2 times lower. :mod:`spacerobot.drafting.verified` increases s until the draft captures.
 """
 
 from __future__ import annotations
@@ -43,33 +43,34 @@ from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene
 
 POINT = "mate_point"
-"""Link that stands for a point of the object's surface."""
+"""Name of the mating frame at a point of the object's surface."""
 PEAK = 1.875
-"""Greatest slope of the blend by which a rendezvous closes in."""
+"""Ratio of peak to mean speed of a rendezvous' quintic blend."""
 DRIFT, TURN_DEG = 0.1, 2.0
-"""How far the object drifts, in parts of the way of the tip, and turns, until the tip is there."""
+"""Drift of the object until the tip arrives, relative to the tip's initial distance, and its rotation [deg]."""
 ENVELOPE = 1.5
-"""Closing speed that the capture allows, in parts of the greatest one of the approach: the tip enters the
-envelope, a fifth of the way from the standoff, at 0.73 of that."""
+"""Allowed closing speed at the capture, relative to the peak closing speed of the approach. The tip enters
+the envelope, at a fifth of the distance from the standoff, at 0.73 of the peak."""
 TORQUE = 1e-3
-"""Largest weight of torques in a plan, in parts of that of joint accelerations."""
+"""Maximum weight of torques in a plan, relative to that of joint accelerations."""
 
 
 def plan_costs(duration_s: float, dampings: Sequence[float]) -> Document:
     """Weights of torques and joint accelerations in a plan, relative to the base's rotation.
 
-    In a time T, a joint moves by one radian or metre with rates up to 1.5/T and accelerations up to 6/T^2.
-    Its acceleration costs as much as one radian of base rotation if its weight is w_a = (T^2/6)^2. With
-    weights that ignore T, a slow arm moves all of its joints to keep the base still, and collides with
+    A cubic blend over one radian or metre in a time T has rates up to 1.5/T and accelerations up to 6/T^2.
+    Its acceleration costs as much as one radian of base rotation if the weight is w_a = (T^2/6)^2. With
+    weights independent of T, a slow arm would move all joints to keep the base still, and collide with
     itself.
 
-    Torques of joints with the damping d [N m s/rad or N s/m] cost w_u (d v)^2, so that optimal rates change
-    within (w_a/w_u)^(1/2)/d. For a torso of 1000 N s/m this was 0.03 s of a motion of a minute. Equal costs
-    of damping and acceleration, w_u = (T/1.5/d)^2, make it T/4.
+    The torque against a joint's damping d [N m s/rad or N s/m] costs w_u (d v)^2. The Euler-Lagrange equation
+    of w_u (d v)^2 + w_a v'^2 has the time constant (w_a/w_u)^(1/2)/d, in which optimal rates change. For a
+    torso of 1000 N s/m it was 0.03 s in a motion of a minute. Equal costs of damping and acceleration, with
+    w_u = (T/1.5/d)^2, give T/4.
 
     Args:
         duration_s: Duration of the plan [s].
-        dampings: Damping of each joint that moves.
+        dampings: Damping of each moving joint.
 
     Returns:
         dict: Weights of ``torque`` and ``joint_acceleration``.
@@ -81,18 +82,18 @@ def plan_costs(duration_s: float, dampings: Sequence[float]) -> Document:
 
 
 def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[str, str]:
-    """URDF of an object with a mating frame at a point of its surface, and the file that it belongs into.
+    """URDF of an object with an additional mating frame at a point of its surface.
 
-    The frame's x axis points into the object: from the point to the root link's centre of mass, along the
-    nearest of the root link's axes.
+    The frame's x axis points into the object: along that axis of the root link which is nearest to the
+    direction from the point to the root link's centre of mass.
 
     Args:
         target: URDF of the object.
-        point: In the axes of its root link (3,) [m].
-        file: Scenario beside which it will lie.
+        point: Point in the root link's frame (3,) [m].
+        file: File of the scenario, in whose folder the URDF will be written.
 
     Returns:
-        tuple: File name and text.
+        tuple: File name and text of the URDF.
 
     Raises:
         ScenarioError: If the point is the centre of mass.
@@ -118,16 +119,17 @@ def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[s
 
 
 def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
-    """Text of a scenario with approach, capture and stop that will stand in ``file``, and its scene.
-
-    Nothing is written, and nothing is simulated: see :func:`spacerobot.drafting.draft`.
+    """Draft a scenario with approach, capture and stop, without simulating or writing it.
 
     Args:
-        order: One robot and its object, and what is chosen.
-        file: Where the text will be written; URDFs are named relative to it.
+        order: Request with one robot and an object.
+        file: File of the scenario; paths of URDFs are relative to its folder.
+
+    Returns:
+        tuple: Text of the scenario, and its scene.
 
     Raises:
-        ScenarioError, DescriptionError: If a URDF cannot be used, a link is not there, or the object has no
+        ScenarioError, DescriptionError: If a URDF cannot be used, a link is missing, or the object has no
             mating frame.
     """
     return CaptureGeometry.of(order, file).scenario()
@@ -135,21 +137,21 @@ def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:
 
 @dataclass(frozen=True)
 class CaptureGeometry:
-    """Poses of a capture, and the numbers of its motion and controllers at slowdown 1.
+    """Poses of a capture, and parameters of its motion and controllers without slowdown.
 
     Attributes:
-        file: Where the scenario will stand.
-        arm, bare, held: The robot, the scenario without gains and its scene in which the arm holds the
+        file: File of the scenario.
+        arm, bare, held: The robot, the scenario without gains, and its scene in which the arm holds the
             object.
-        spacecraft: Sensors, controllers and actuators of the base, and what follows from them.
+        spacecraft: Sensors, controllers and actuators of the base.
         gain: Bandwidth of the tip [rad/s].
-        payload: Keys of the object as payload.
-        direction, axis, mated_deg: Direction of approach in the world (3,), the same in the mating frame
-            (3,), and roll, pitch, yaw of the tip in the mating frame where mated [deg].
-        way: Distance of the tip from its mating point at the start [m].
+        payload: Keys that describe the object as payload.
+        direction, axis, mated_deg: Direction of approach in world axes (3,) and in the mating frame (3,), and
+            roll, pitch, yaw of the mated tip in the mating frame [deg].
+        way: Initial distance of the tip from the mating frame [m].
         approach_time: Time to the standoff [s].
-        place: Of the object's root link when the arm holds it, in the world (3,) [m].
-        lever: Distance of the mating frame from it [m].
+        place: Position of the object's root link when the arm holds it, world axes (3,) [m].
+        lever: Distance of the mating frame from that position [m].
     """
 
     file: Path
@@ -171,12 +173,12 @@ class CaptureGeometry:
     def of(
         cls, order: DraftRequest, file: StrPath, progress: Callable[[str], None] | None = None
     ) -> CaptureGeometry:
-        """Find the poses.
+        """Compute the poses.
 
         Args:
-            order: Robot and object, and what is chosen.
-            file: Where the scenario will be written; URDFs are named relative to it.
-            progress: As of :func:`spacerobot.drafting.held.held_scene`.
+            order: Request with one robot and an object.
+            file: File of the scenario; paths of URDFs are relative to its folder.
+            progress: As for :func:`spacerobot.drafting.held.held_scene`.
 
         Raises:
             ScenarioError, DescriptionError: As :func:`draft_capture`.
@@ -200,7 +202,7 @@ class CaptureGeometry:
         data = held.model.createData()
         pin.framesForwardKinematics(held.model, data, held.q)
         tip, mate = data.oMf[grasp.tip.frame], data.oMf[grasp.frame]
-        # direction of approach: the axis of the mating frame (3,) nearest to the way to the object's mass
+        # direction of approach: the axis of the mating frame nearest to the direction to the centre of mass
         masses = [held.model.inertias[joint].mass for joint in target.subtree]
         places = [data.oMi[joint].act(held.model.inertias[joint].lever) for joint in target.subtree]
         centre = np.average(places, axis=0, weights=masses)
@@ -210,7 +212,7 @@ class CaptureGeometry:
         axis[int(np.argmax(np.abs(toward)))] = 1.0 if toward[int(np.argmax(np.abs(toward)))] >= 0 else -1.0
         numbers = DraftNumbers(held, {arm.name: arm})
         gains = numbers.gains(held.tips[0])
-        # the approach moves the arm alone: with the object held, a light base would do the moving
+        # the approach moves the arm without the object; with it, mainly a light base would move
         source = file.absolute()
         document = {"name": "draft", "robots": bare["robots"]}
         alone = DraftNumbers(scene_of(document, source), {arm.name: arm})
@@ -235,7 +237,7 @@ class CaptureGeometry:
         )
 
     def scenario(self, slowdown: float = 1.0) -> tuple[str, Scene]:
-        """Text of the scenario and its scene, slowed down."""
+        """Text of the scenario with a slowdown, and its scene."""
         text, source = self._text(slowdown), self.file.absolute()
         return text, scene_of(parse_yaml(text, source=source), source)
 
@@ -244,7 +246,7 @@ class CaptureGeometry:
         ((name, bare_grasp),) = self.bare["grasps"].items()
         tip, link = f"{arm.name}/{arm.tip_name}", bare_grasp["frame"]
         gain = short(self.gain / slowdown, 2)
-        # the approach: to a standoff at half of the way, then in along the axis
+        # approach to a standoff at half the distance, then along the axis
         half, to_standoff = short(self.way / 2, 2), short(self.approach_time * slowdown, 3)
         speed = short(PEAK * half / to_standoff, 2)
         until = to_standoff + craft.wait_s + PEAK * half / speed
@@ -262,7 +264,7 @@ class CaptureGeometry:
         capture |= {"dwell": 0.1, **at}
         base = self._drifting(until)
         drift = float(np.linalg.norm(base["velocity"]))
-        # an arm that does not control its tip's orientation stops the object's motion there, not its spin
+        # an arm without control of its tip's orientation stops the object's translation, but not its rotation
         spin = base["spin_deg"][2]
         settled: Document = {"speed": short(max(drift, 1e-5) / 2, 1), "spin_deg": short(spin / 2, 1)}
         if not arm.turns:
@@ -336,7 +338,11 @@ class CaptureGeometry:
         return "\n".join(lines) + "\n"
 
     def _drifting(self, until: float) -> dict[str, Any]:
-        """Pose and motion of the object at the start; ``until`` [s] the tip is there."""
+        """Initial pose and velocity of the object.
+
+        Args:
+            until: Time at which the tip arrives [s]; until then, the drift is a fraction of the distance.
+        """
         if self.held.planar:
             sideways = np.array([-self.direction[1], self.direction[0], 0.0])
         else:
@@ -352,7 +358,7 @@ class CaptureGeometry:
         return base
 
     def _robot(self, gain: float) -> list[str]:
-        """The robot's section, line by line."""
+        """Lines of the robot's section."""
         arm, craft, bare = self.arm, self.spacecraft, self.bare["robots"][self.arm.name]
         tip = bare["tips"][arm.tip_name]
         return [
@@ -368,7 +374,7 @@ class CaptureGeometry:
         ]
 
     def _campaign(self, drift: float, latest: float) -> list[str]:
-        """The section of uncertain numbers, line by line."""
+        """Lines of the campaign's section."""
         size, noise = short(drift, 1), self.spacecraft.noise
         return [
             "# Uncertain drift and masses: `spacerobot campaign` (docs/how_to/monte_carlo.md)",

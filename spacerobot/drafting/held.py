@@ -1,4 +1,4 @@
-"""A scenario around URDFs: bases placed, tips gripping the target, gains that suit the arms."""
+"""Draft of a scenario in which robots hold a target: poses of bases and target, and gains."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ class DraftRequest:
 
     Attributes:
         robots, target: URDF files, or names of shipped ones.
-        tips, frames: A link of each robot, or one for all, and of the target for each robot; chosen where
-            none is given.
-        base: How bases are connected to the world; ``planar`` if every robot is, else ``free_flyer``, if
-            None.
-        bus, mounts: URDF of a spacecraft, in place of robots, and its arms as :func:`read_mounts` reads them;
-            the first one holds the target, joints of the others are locked.
-        include: Equipment of the spacecraft, for a capture: ``wheels``, ``thrusters``, ``filters``.
+        tips: Tip link of each robot, or one name for all; chosen automatically if empty.
+        frames: Mating frame of the target for each robot; chosen automatically if empty.
+        base: Joint of the bases; if None, ``planar`` if every robot is planar, else ``free_flyer``.
+        bus, mounts: URDF of a spacecraft, in place of ``robots``, and its arms in the form of
+            :func:`read_mounts`. The first arm holds the target; the joints of the others are locked.
+        include: Equipment of the spacecraft for a capture: ``wheels``, ``thrusters``, ``filters``.
     """
 
     robots: Sequence[str]
@@ -57,28 +56,30 @@ def draft_scenario(
     *,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[str, Scene]:
-    """Text of a scenario that will stand in ``file``, and its scene; nothing is written.
+    """Draft a scenario in which robots hold a target, without writing it.
 
     Args:
-        order: Robots and their object, and what is chosen.
-        file: Where the text will be written; URDFs are named relative to it.
-        slowdown: Factor by which bandwidths are divided, and with which the motion becomes slower.
-        progress: As of :func:`held_scene`.
+        order: Request with robots and target.
+        file: File of the scenario; paths of URDFs are relative to its folder.
+        slowdown: Factor by which bandwidths are divided and durations are multiplied.
+        progress: As for :func:`held_scene`.
+
+    Returns:
+        tuple: Text of the scenario, and its scene.
 
     Raises:
-        ScenarioError, DescriptionError: If a URDF cannot be used, a link is not there, or no such scene can
-            be simulated.
+        ScenarioError, DescriptionError: If a URDF cannot be used, a link is missing, or the scene cannot be
+            simulated.
     """
     file = Path(file)
     source = file.absolute()
     arms, bare, scene = held_scene(order, source, progress)
     numbers = DraftNumbers(scene, {arm.name: arm for arm in arms})
     gains = {tip.label: numbers.gains(tip).slowed(slowdown) for tip in scene.tips}
-    move = numbers.move(min(found.bandwidth / slowdown for found in gains.values()))
+    move = numbers.move(min(gain.bandwidth / slowdown for gain in gains.values()))
     steps = numbers.step(gains, 1.0), numbers.step(gains, 10.0)
     payload = payload_of(scene) if len(arms) == 1 else None
-    found = DraftText(file.stem, arms, bare, gains, move, steps, payload)
-    text = text_of(found)
+    text = text_of(DraftText(file.stem, arms, bare, gains, move, steps, payload))
     return text, scene_of(parse_yaml(text, source=source), source)
 
 
@@ -88,9 +89,9 @@ def held_scene(
     """Arms, scenario without gains, and its scene, in which the tips hold the target away from the arms.
 
     Args:
-        order: Robots and their object, and what is chosen.
-        source: Absolute path of the scenario; URDFs are named relative to it.
-        progress: Called with a few words whenever a step that may take a while begins.
+        order: Request with robots and target.
+        source: Absolute path of the scenario; paths of URDFs are relative to its folder.
+        progress: Callback with a short text, called when a step that may take long begins.
 
     Raises:
         ScenarioError, DescriptionError: As :func:`draft_scenario`.
@@ -105,34 +106,36 @@ def held_scene(
     tell("choosing a posture")
     arms = _arms(order, source)
     urdf, description = read(order.target, source.parent)
-    # mating frame of each robot: those asked for, else massless ends of the target, else its root
-    wanted, count = order.frames, len(arms)
+    # mating frame of each robot: requested ones, else massless end links of the target, else its root
+    requested, count = order.frames, len(arms)
     file, names = description.path.name, [link.name for link in description.links]
-    for frame in wanted:
+    for frame in requested:
         if frame not in names:
             raise ScenarioError(f"no link {frame!r} in {file}; {near_names(frame, names)}", where="--frame")
     light = {link.name for link in description.links if link.mass == 0}
-    found = [*wanted] or [name for name in ends(description) if name in light and name != description.root]
-    if not found and count == 1:
+    candidates = [*requested] or [
+        name for name in ends(description) if name in light and name != description.root
+    ]
+    if not candidates and count == 1:
         frames = [description.root]
     else:
-        if len(found) < count or (wanted and len(wanted) != count):
+        if len(candidates) < count or (requested and len(requested) != count):
             raise ScenarioError(
                 f"name one link of {file} for each of the {count} robots; its links: {', '.join(names)}",
                 where="--frame",
             )
-        frames = found[:count]
+        frames = candidates[:count]
     planar = all(arm.planar for arm in arms)
     base = order.base or ("planar" if planar else "free_flyer")
     if base == "free_flyer" and planar:
-        arms = [replace(arm, turns=False) for arm in arms]  # not about every axis of space
+        arms = [replace(arm, turns=False) for arm in arms]  # planar arms cannot rotate about every axis
     object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
     object_mass = sum(link.mass for link in description.links)
     placed = partial(_placed, frames=frames, bases=(base, object_base, urdf), object_mass=object_mass)
     tell("placing the object")
     bare, scene = placed(arms, source=source)
     if len(arms) == 1 and overlaps(scene):
-        # the best posture in which the object does not begin inside the robot, if there is one
+        # the best posture in which object and robot do not overlap, if there is one
         (arm,) = arms
         for k, other in enumerate(arm.alternatives, start=1):
             tell(f"choosing a posture in which nothing overlaps: {k} of {len(arm.alternatives)}")
@@ -150,10 +153,10 @@ def _placed(
     object_mass: float,
     source: Path,
 ) -> tuple[Document, Scene]:
-    """Scenario without gains and its scene: the target turned about the first tip, far from that robot."""
+    """Scenario without gains, and its scene, with the target rotated about the first tip away from the arm."""
     bare = _document(arms, frames, bases, object_mass)
     scene = scene_of(bare, source)
-    # orientation of the target, at right angles to the first tip, that keeps it farthest from that arm
+    # orientation of the target, in steps of 90 degrees about the tip, in which it is farthest from that arm
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
     grasp, target = scene.grasps[0], scene.bodies[-1]
@@ -165,13 +168,13 @@ def _placed(
     arm = np.array(origins)
     tilts = (0,) if scene.planar else (0, 90, -90, 180)
     turns = [(roll, pitch, yaw) for roll in tilts for pitch in tilts[:3] for yaw in (0, 90, -90, 180)]
-    tried = [tip.rotation @ pin.rpy.rpyToMatrix(np.radians(t)) @ held.rotation.T for t in turns]
-    places = [tip.translation - rotation @ held.translation for rotation in tried]
-    # farthest from the nearest joint; where the tip lies on the last joint, as a flange does, that one is
-    # equally far from all, and the mean distance tells which of them points away from the arm
+    rotations = [tip.rotation @ pin.rpy.rpyToMatrix(np.radians(t)) @ held.rotation.T for t in turns]
+    places = [tip.translation - rotation @ held.translation for rotation in rotations]
+    # criterion: distance to the nearest joint, then the mean distance. If the tip is at the last joint, as a
+    # flange is, the nearest distance is the same for all orientations
     spaces = [np.linalg.norm(arm - place, axis=1) for place in places]
     scores = [(round(float(space.min()), 6), round(float(space.mean()), 6)) for space in spaces]
-    best = tried[scores.index(max(scores))]
+    best = rotations[scores.index(max(scores))]
     bare["target"]["base"]["rotation_deg"] = (
         [0.0, 0.0, round(float(np.degrees(np.arctan2(best[1, 0], best[0, 0]))), 3) + 0.0]
         if scene.planar
@@ -181,7 +184,7 @@ def _placed(
 
 
 def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
-    """Robots with their postures: those of ``robots``, or the bus with its arms."""
+    """Robots with their postures: those of the request, or the bus with its arms."""
     if order.bus is not None:
         if order.robots:
             raise ScenarioError("found both --bus and --robot, allowed: one of them", where="--bus")
@@ -189,16 +192,16 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
         mounts = read_mounts(order.mounts, source.parent)
         if len(order.tips) > 1:
             raise ScenarioError(f"found {len(order.tips)}, allowed: one, of the first arm", where="--tip")
-        # the tip is a link of the first arm, named as in its URDF or with the mount's prefix
+        # the tip is a link of the first arm, with or without the mount's prefix
         first = mounts[0]
         links = [link.name for link in first.description.links]
         tip = order.tips[0].removeprefix(f"{first.name}_") if order.tips else None
         if tip is None and len(ends(first.description)) == 1:
             (tip,) = ends(first.description)
         if tip not in links:
-            known = near_names(tip, links) if tip else f"its ends: {', '.join(ends(first.description))}"
-            lacks = f"no link {tip!r} in" if tip else "name the link of"
-            raise ScenarioError(f"{lacks} {first.description.path.name}; {known}", where="--tip")
+            hint = near_names(tip, links) if tip else f"its ends: {', '.join(ends(first.description))}"
+            problem = f"no link {tip!r} in" if tip else "name the link of"
+            raise ScenarioError(f"{problem} {first.description.path.name}; {hint}", where="--tip")
         sections = {mount.name: mount.section() for mount in mounts}
         files = RobotFiles(urdf, equipped(bus, mounts), sections, source)
         return [make_arm(as_name(bus.path.stem), files, f"{first.name}_{tip}")]
@@ -223,7 +226,13 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
 def _document(
     arms: Sequence[DraftArm], frames: Sequence[str], placed: tuple[str, str, str], object_mass: float
 ) -> Document:
-    """The scenario without gains, from the arms, their frames, bases, and URDF and mass of the target."""
+    """Scenario without gains.
+
+    Args:
+        arms, frames: The arms and their mating frames.
+        placed: Joints of the bases and of the target, and URDF of the target.
+        object_mass: Mass of the target [kg].
+    """
     base, object_base, urdf = placed
     robots, grasps = dict[str, Any](), dict[str, Any]()
     for i, (arm, frame) in enumerate(zip(arms, frames, strict=True)):

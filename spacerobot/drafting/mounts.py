@@ -1,4 +1,4 @@
-"""Arms mounted on a bus, as a draft names them: ``NAME=arm.urdf@x,y,z,roll,pitch,yaw``."""
+"""Arms mounted on a bus, from texts such as ``NAME=arm.urdf@x,y,z,roll,pitch,yaw``."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class DraftMount:
     """An arm on a bus.
 
     Attributes:
-        name: Prefix of its links and joints.
-        urdf: As the scenario names it.
-        description: The URDF.
-        position, rotation_deg: Of its root link in the bus's root link: [m], and roll, pitch, yaw [deg].
+        name: Prefix of the arm's links and joints.
+        urdf: Name or path of the URDF in the scenario.
+        description: Description of the arm.
+        position, rotation_deg: Position [m] and roll, pitch, yaw [deg] of the arm's root link in the bus's.
     """
 
     name: str
@@ -36,24 +36,24 @@ class DraftMount:
     rotation_deg: tuple[float, float, float]
 
     def section(self) -> Document:
-        """Its section in a scenario."""
-        found: Document = {"urdf": self.urdf, "position": list(self.position)}
-        return found | ({"rotation_deg": list(self.rotation_deg)} if any(self.rotation_deg) else {})
+        """Section of the mount in a scenario."""
+        section: Document = {"urdf": self.urdf, "position": list(self.position)}
+        return section | ({"rotation_deg": list(self.rotation_deg)} if any(self.rotation_deg) else {})
 
 
 def read_mounts(texts: Sequence[str], folder: Path) -> list[DraftMount]:
-    """Arms of a bus, with names that differ.
+    """Read the arms of a bus.
 
     Args:
-        texts: ``[NAME=]URDF[@x,y,z[,roll,pitch,yaw]]`` each: [m] and [deg]; named after the URDF, and placed
-            at the origin of the bus, where that is left out.
-        folder: Of the scenario.
+        texts: Texts ``[NAME=]URDF[@x,y,z[,roll,pitch,yaw]]``, in [m] and [deg]. The default name is that of
+            the URDF, the default placement the origin of the bus.
+        folder: Folder of the scenario.
 
     Raises:
-        ScenarioError, DescriptionError: If a text is none of these, two names are the same, or a URDF cannot
-            be used.
+        ScenarioError, DescriptionError: If a text has another form, two names are equal, or a URDF cannot be
+            used.
     """
-    found = list[DraftMount]()
+    mounts = list[DraftMount]()
     for text in texts:
         rest, at, place = text.rpartition("@")
         rest, numbers = (rest, place.split(",")) if at else (text, [])
@@ -65,7 +65,7 @@ def read_mounts(texts: Sequence[str], folder: Path) -> list[DraftMount]:
         if len(values) not in (0, 3, 6) or not np.isfinite(values).all() or not (urdf if named else name):
             raise ScenarioError(f"found {text!r}, allowed: {FORM}, [m] and [deg]", where="--mount")
         path, description = read(urdf if named else name, folder)
-        taken = [mount.name for mount in found]
+        taken = [mount.name for mount in mounts]
         if named and (name in taken or as_name(name) != name):
             raise ScenarioError(
                 f"found {name!r}, allowed: a name of letters and digits that no other mount has",
@@ -73,17 +73,17 @@ def read_mounts(texts: Sequence[str], folder: Path) -> list[DraftMount]:
             )
         prefix = name if named else as_name(description.path.stem, taken)
         x, y, z, roll, pitch, yaw = [*values, *[0.0] * (6 - len(values))]
-        found.append(DraftMount(prefix, path, description, (x, y, z), (roll, pitch, yaw)))
-    if not found:
+        mounts.append(DraftMount(prefix, path, description, (x, y, z), (roll, pitch, yaw)))
+    if not mounts:
         raise ScenarioError(f"found --bus without an arm, allowed: --mount {FORM}", where="--mount")
-    return found
+    return mounts
 
 
 def equipped(bus: Description, mounts: Sequence[DraftMount]) -> Description:
-    """The bus with its arms as one description.
+    """Description of a bus with its arms.
 
     Raises:
-        DescriptionError: If a name is there twice.
+        DescriptionError: If two links or joints have the same name.
     """
     for mount in mounts:
         placement = np.eye(4)

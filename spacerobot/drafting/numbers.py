@@ -1,8 +1,10 @@
-"""Gains, a reference and steps that suit a scene: from its inertia, joint rates and efforts at the start.
+"""Gains, reference motion and steps of a draft, from the initial inertia and the joints' rate and effort
+limits.
 
-Let W be the response of all velocities to generalised forces, bases free and grasps closed, and J a tip's
-Jacobian, J_a its columns of the arm's joints. The PID acts by ``tau = J_a^T u``, so the tip accelerates by
-``J W J_a^T u``: the inverse of its mean eigenvalue is the *effective mass* m that the controller feels.
+Let W be the matrix from generalised forces to accelerations with free bases and closed grasps, J a tip's
+Jacobian and J_a its columns of the arm's joints. The PID commands ``tau = J_a^T u``, so that the tip
+accelerates by ``J W J_a^T u``. The inverse of the mean eigenvalue of this matrix is the *effective mass* m at
+the tip.
 """
 
 from __future__ import annotations
@@ -20,16 +22,16 @@ from spacerobot.scenario.paths import Document
 from spacerobot.scene.configure import relative_jacobian
 from spacerobot.scene.scene import Scene, SceneTip
 
-DEFAULT_BANDWIDTH = 2.0  # [rad/s] where the URDF has no limits
-BANDWIDTHS = (0.5, 10.0)  # [rad/s]
-SHARE_OF_RATE = 0.1  # of a joint's greatest rate that the reference may ask for
-JOINT_TRAVEL = 0.3  # [rad] or, of prismatic joints, [m], that the reference may ask for
-PERIODS = 12.0  # of 1 / bandwidth that a reference takes at least
+DEFAULT_BANDWIDTH = 2.0  # bandwidth if the URDF has no limits [rad/s]
+BANDWIDTHS = (0.5, 10.0)  # range of bandwidths [rad/s]
+SHARE_OF_RATE = 0.1  # maximum joint rate of the reference, relative to the joint's limit
+JOINT_TRAVEL = 0.3  # maximum joint travel of the reference [rad or m]
+PERIODS = 12.0  # minimum duration of the reference, in units of 1 / bandwidth
 GUIDANCE, RATES = (0.5, 2.0), 5.0
-"""Range of the gain of resolved rates [1/s], and their rate gain in parts of it."""
-LONGEST = 120.0  # [s] of a reference
+"""Range of the gain of resolved rates [1/s], and ratio of their rate gain to the gain."""
+LONGEST = 120.0  # maximum duration of the reference [s]
 SPAN = 10.0
-"""Bounds of a gain: this factor below and above what is proposed."""
+"""Factor between a proposed gain and its bounds in tuning."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +39,13 @@ class Gains:
     """Proposed gains of one arm.
 
     Attributes:
-        bandwidth: Rate at which the arm's slowest joint comes to its greatest speed by its greatest effort
-            [rad/s].
-        mass, inertia: Effective mass [kg] and inertia [kg m^2] at the tip; the latter None if orientation is
-            not controlled.
-        joint_inertia: Least effective inertia of a joint, for damping in the null space that makes no joint
-            faster than the bandwidth; None if there is no null space.
-        slowdown: Factor by which the bandwidth is divided in what follows from it.
+        bandwidth: Minimum over the joints of effort limit / (effective inertia * rate limit) [rad/s]: the
+            inverse of the time in which the slowest joint reaches its rate limit by its effort limit.
+        mass, inertia: Effective mass [kg] and inertia [kg m^2] at the tip; the latter is None if the
+            orientation is not controlled.
+        joint_inertia: Smallest effective inertia of a joint, from which null-space damping follows such that
+            no joint is faster than the bandwidth; None without a null space.
+        slowdown: Factor by which the bandwidth is divided in all gains.
     """
 
     bandwidth: float
@@ -53,39 +55,48 @@ class Gains:
     slowdown: float = 1.0
 
     def slowed(self, slowdown: float) -> Gains:
-        """The same with a bandwidth divided by a factor."""
+        """Gains with another slowdown."""
         return replace(self, slowdown=slowdown)
 
     @property
     def guidance(self) -> float:
-        """Gain of resolved rates [1/s], before it is slowed down within :data:`GUIDANCE`."""
+        """Gain of resolved rates [1/s]: bandwidth, limited to :data:`GUIDANCE`, divided by the slowdown."""
         return short(float(np.clip(self.bandwidth, *GUIDANCE)) / self.slowdown, 2)
 
     def pid(self, mass: float) -> dict[str, float]:
-        """K_p = m w and K_i = m w^2 / 4: both poles of the tip's velocity loop at -w/2."""
+        """PID gains K_p = m w and K_i = m w^2 / 4, which place both poles of the tip's velocity loop at -w/2.
+
+        The velocity of a mass m under u = -K_p v - K_i x has the characteristic polynomial
+        m s^2 + K_p s + K_i = m (s + w/2)^2.
+        """
         w = self.bandwidth / self.slowdown
         return {"kp": short(mass * w), "ki": short(mass * w**2 / 4)}
 
 
 @dataclass(frozen=True)
 class DraftMotion:
-    """A line of a tip or of the target: displacement [m] and duration [s]."""
+    """Straight reference motion: displacement [m] and duration [s]."""
 
     displacement: tuple[float, float, float]
     duration: float
 
 
 class DraftNumbers:
-    """Basis of the draft's numbers: the scene's initial state.
+    """Proposed gains, motions and steps, from the scene's initial state.
+
+    Attributes:
+        scene, arms: As for the constructor.
+        response: Accelerations for generalised forces W, with closed grasps (nv, nv).
 
     Args:
-        scene: The scene, its controllers without gains.
-        arms: Its robots by name.
+        scene: The scene; its gains are not used.
+        arms: Robots by name.
     """
 
     def __init__(self, scene: Scene, arms: Mapping[str, DraftArm]) -> None:
         self.scene, self.arms = scene, arms
-        # accelerations for generalised forces (nv, nv), grasps closed; zero for joints that mimic
+        # W = M^-1 - M^-1 R' (R M^-1 R')^+ R M^-1 with the constraint rows R of the grasps; M^-1 of the
+        # independent joints, mapped to all joints
         upper = np.triu(pin.crba(scene.model, scene.model.createData(), scene.q))
         free = scene.spread[:, np.diag(scene.spread) > 0]
         inverse = free @ np.linalg.inv(free.T @ (upper + np.triu(upper, 1).T) @ free) @ free.T
@@ -93,8 +104,9 @@ class DraftNumbers:
             self.response = np.asarray(inverse)
         else:
             rows = np.vstack([relative_jacobian(scene, grasp) for grasp in scene.grasps])
-            held = inverse @ rows.T
-            self.response = np.asarray(inverse - held @ np.linalg.pinv(rows @ held, rcond=1e-10) @ held.T)
+            columns = inverse @ rows.T
+            constrained = columns @ np.linalg.pinv(rows @ columns, rcond=1e-10) @ columns.T
+            self.response = np.asarray(inverse - constrained)
 
     def gains(self, tip: SceneTip) -> Gains:
         """Proposed gains for the arm of a tip."""
@@ -103,12 +115,12 @@ class DraftNumbers:
         linear, angular = self.scene.translation_axes, [3 + a for a in self.scene.rotation_axes]
         directions = len(linear) + len(angular) * arm.turns
         effective = 1 / np.diag(self.response)[columns]
-        known = [
+        rates = [
             joint.effort / (inertia * joint.velocity)
             for joint, inertia in zip(_free(arm), effective, strict=True)
             if np.isfinite(joint.effort * joint.velocity) and joint.effort > 0 and joint.velocity > 0
         ]
-        bandwidth = short(float(np.clip(min(known), *BANDWIDTHS)), 2) if known else DEFAULT_BANDWIDTH
+        bandwidth = short(float(np.clip(min(rates), *BANDWIDTHS)), 2) if rates else DEFAULT_BANDWIDTH
         return Gains(
             bandwidth,
             self._effective(jacobian[list(linear)], columns),
@@ -117,9 +129,11 @@ class DraftNumbers:
         )
 
     def move(self, bandwidth: float, direction: Array | None = None) -> DraftMotion:
-        """A line short and slow enough for every arm and for a bandwidth [rad/s].
+        """Straight reference motion that is short and slow enough for every arm.
 
-        It goes along a direction (3,), equally along all axes if none is given.
+        Args:
+            bandwidth: Bandwidth of the slowest arm [rad/s].
+            direction: Unit vector of the motion, world axes (3,); equal components along all axes if None.
         """
         axes = list(self.scene.translation_axes)
         if direction is None:
@@ -140,20 +154,25 @@ class DraftNumbers:
             ends = data.oMf[tip.frame].translation - data.oMf[tip.body.root_frame].translation
             reach = min(reach, float(np.linalg.norm(ends)))
         length = min(0.1 * reach, JOINT_TRAVEL / max(travel, 1e-9))
-        # a cubic blend's greatest speed is 1.5 times its mean
+        # the peak speed of a cubic blend is 1.5 times its mean
         slow = max(1.5 * length * rate / SHARE_OF_RATE, PERIODS / bandwidth)
         duration = float(np.clip(np.ceil(slow), 8, LONGEST))
         x, y, z = (short(length * a, 2) for a in direction)
         return DraftMotion((x, y, z), duration)
 
     def step(self, gains: Mapping[str, Gains], factor: float) -> float:
-        """Step [s] that resolves the fastest rate with the gains times a factor; at most 4 ms."""
+        """Step [s] that resolves the fastest rate of the loop; at most 4 ms.
+
+        Args:
+            gains: Gains by tip.
+            factor: Factor of the gains.
+        """
         model = self.scene.model
         force = np.diag(np.array(model.damping))
         for tip in self.scene.tips:
-            found, jacobian, columns = gains[tip.label], self._jacobian(tip), self._columns(tip)
-            masses = [found.mass] * 3 + [found.inertia or 0.0] * 3
-            kp = factor * found.bandwidth * np.array(masses)
+            gain, jacobian, columns = gains[tip.label], self._jacobian(tip), self._columns(tip)
+            masses = [gain.mass] * 3 + [gain.inertia or 0.0] * 3
+            kp = factor * gain.bandwidth * np.array(masses)
             arm = np.zeros_like(jacobian)
             arm[:, columns] = jacobian[:, columns]
             force = force + arm.T @ (kp[:, None] * jacobian)
@@ -161,23 +180,23 @@ class DraftNumbers:
         return min(0.004, short(0.8 / max(rate, 1e-9), 1))
 
     def _effective(self, rows: Array, columns: list[int]) -> float:
-        """Inverse of the mean eigenvalue of ``J W J_a^T``."""
-        moved = float(np.trace(rows @ self.response[:, columns] @ rows[:, columns].T)) / len(rows)
-        alone = float(np.trace(rows @ self.response @ rows.T)) / len(rows)
-        return 1 / (moved if moved > 0.01 * alone else alone)
+        """Inverse of the mean eigenvalue of ``J W J_a^T``; of ``J W J^T`` if the arm hardly moves the tip."""
+        by_arm = float(np.trace(rows @ self.response[:, columns] @ rows[:, columns].T)) / len(rows)
+        by_all = float(np.trace(rows @ self.response @ rows.T)) / len(rows)
+        return 1 / (by_arm if by_arm > 0.01 * by_all else by_all)
 
     def _rates(self, tip: SceneTip, direction: Array) -> Array:
-        """Least joint rates of all arms that carry a tip along a direction without turning it.
+        """Velocities (nv,) of minimum joint rates that move a tip along a direction without rotating it.
 
-        Bases give way: velocities are those that joint torques can bring about from rest.
+        Floating bases react: the velocities are those that joint torques can produce from rest.
         """
         columns = [column for other in self.scene.tips for column in self._columns(other)]
         drive = self.response[:, columns]
         moving = drive @ np.linalg.pinv(drive[columns], rcond=1e-9)
         axes = [*self.scene.translation_axes, *(3 + a for a in self.scene.rotation_axes)]
         axes = axes if self.arms[tip.body.name].turns else list(self.scene.translation_axes)
-        wanted = np.array([*direction, 0.0, 0.0, 0.0])[axes]
-        rates = np.linalg.pinv(self._jacobian(tip)[axes] @ moving, rcond=1e-6) @ wanted
+        twist = np.array([*direction, 0.0, 0.0, 0.0])[axes]
+        rates = np.linalg.pinv(self._jacobian(tip)[axes] @ moving, rcond=1e-6) @ twist
         return np.asarray(moving @ rates)
 
     def _columns(self, tip: SceneTip) -> list[int]:
@@ -198,12 +217,12 @@ def _free(arm: DraftArm) -> list[UrdfJoint]:
 
 
 def short(value: float, digits: int = 3) -> float:
-    """Value rounded to a few digits."""
+    """Value rounded to a few significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def payload_of(held: Scene) -> Document:
-    """Keys of the object as payload, in axes of the tip that holds it."""
+    """Payload keys of the object: mass, centre of mass and inertia in the frame of the tip that holds it."""
     data, frame = held.model.createData(), held.grasps[0].tip.frame
     pin.framesForwardKinematics(held.model, data, held.q)
     bodies = [data.oMi[joint].act(held.model.inertias[joint]) for joint in held.bodies[-1].subtree]

@@ -1,4 +1,4 @@
-"""Templates of plugins and their tests: the examples, written with the names of the user's files."""
+"""Drafts of plugins and their tests, from the shipped examples with the names of the user's files."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ TEMPLATES = {
     "quantity": "tip_speed",
     "goal": "pointing",
 }
-"""Example of each family, by name."""
+"""Example that is the template of each family."""
 
 
 @dataclass(frozen=True)
 class PluginDraft:
-    """A plugin that runs, and its test.
+    """A plugin and its test.
 
     Attributes:
-        file: The plugin.
-        test: Its test, which pytest runs.
+        file: File of the plugin.
+        test: File of its test, for pytest.
         command: Command that uses the plugin.
     """
 
@@ -38,14 +38,14 @@ class PluginDraft:
 
 
 def draft_plugin(family: str, file: StrPath) -> PluginDraft:
-    """Write a plugin that runs, ready to edit, and its test.
+    """Write a working plugin as a template, and its test.
 
     Args:
         family: Family of its kind: a sensor, actuator, controller, reference, shape, quantity or goal.
         file: Python file to write; the test is ``test_FILE`` in its folder. Neither may exist.
 
     Returns:
-        PluginDraft: The files, and the command that uses the plugin.
+        PluginDraft: Files of plugin and test, and the command that uses the plugin.
 
     Raises:
         ScenarioError: If one of the files exists.
@@ -62,21 +62,21 @@ def draft_plugin(family: str, file: StrPath) -> PluginDraft:
 
 
 def plugin_template(family: str, file: Path) -> str:
-    """Text of a plugin, with the command that uses it in its first lines.
+    """Text of a plugin, whose first lines contain the command that uses it.
 
     Args:
         family: A key of :data:`TEMPLATES`.
-        file: File that it is written to; the command names it.
+        file: File of the plugin, named in the command.
 
     Raises:
-        SpaceRobotError: If there is no template of that family, or the examples are missing.
+        SpaceRobotError: If the family has no template, or the examples are missing.
     """
     example = f"{_example(family)}.py"
     return _text(example).replace(f"--plugin {example}", f"--plugin {shlex.quote(str(file))}")
 
 
 def plugin_test(family: str, file: Path) -> str:
-    """Text of a test of a plugin, which pytest runs from the plugin's folder or any other.
+    """Text of a plugin's test, which runs from any folder.
 
     Args:
         family: A key of :data:`TEMPLATES`.
@@ -90,7 +90,7 @@ def plugin_test(family: str, file: Path) -> str:
 
 
 def plugin_test_file(file: Path) -> Path:
-    """Place of the test of a plugin."""
+    """File of a plugin's test."""
     return file.with_name(f"test_{file.name}")
 
 
@@ -109,6 +109,6 @@ def _text(name: str) -> str:
 
 
 def plugin_command(text: str) -> str:
-    """Command that uses a plugin, from the text of the plugin, on one line."""
+    """Command in the first lines of a plugin's text, joined to one line."""
     command = text.split("\n\n")[1].partition('"""')[0]
     return " ".join(command.replace("\\\n", " ").split())

@@ -1,8 +1,9 @@
-"""Equipment of a drafted spacecraft: reaction wheels, thrusters, sensors with errors and filters.
+"""Equipment of a drafted spacecraft: reaction wheels, thrusters, sensors with errors, and filters.
 
-Sizes follow from the mass m and the mean moment of inertia J of the robot as it begins. Loops of the base are
-slow relative to those of the arm, so that both hardly act on each other: the attitude by K_p = J w^2 and
-K_d = 1.4 J w (w = 0.1 rad/s, damping ratio 0.7), the position likewise by m and w = 0.05 rad/s.
+It is sized by the mass m and the mean moment of inertia J of the robot in its initial state. The control
+loops of the base are slow compared with those of the arm, so that they hardly interact: the attitude has K_p
+= J w^2 and K_d = 1.4 J w (w = 0.1 rad/s, damping ratio 0.7), the position K_p = m w^2 and K_d = 1.4 m w (w =
+0.05 rad/s).
 """
 
 from __future__ import annotations
@@ -23,25 +24,26 @@ from spacerobot.scene import Scene
 EQUIPMENT = ("wheels", "thrusters", "filters")
 """Equipment of a spacecraft."""
 SECTIONS = ("plan", "campaign")
-"""Sections of a scenario that may be named like equipment; every drafted capture has them."""
+"""Sections of a scenario that ``--with`` accepts too; every drafted capture has them."""
 ATTITUDE_BANDWIDTH, POSITION_BANDWIDTH, DAMPING = 0.1, 0.05, 0.7
 WHEEL_ACCELERATION, WHEEL_RATE, WHEEL_SPEED = 5e-3, 0.03, 628.3
-"""Angular acceleration [rad/s^2] and rate [rad/s] of the robot that a wheel gives; its speed [rad/s]."""
+"""Angular acceleration [rad/s^2] and rate [rad/s] of the robot caused by one wheel; wheel speed [rad/s]."""
 THRUST_ACCELERATION = 2e-3
-"""Acceleration of the robot by a nozzle [m/s^2]."""
+"""Acceleration of the robot that one nozzle causes [m/s^2]."""
 
 
 @dataclass(frozen=True)
 class Spacecraft:
-    """Equipment of the robot's base, as lines of its section, and what it means for the capture.
+    """Equipment of the robot's base, and its consequences for the capture.
 
     Attributes:
-        controllers, equipment: Lines inside ``controllers``; sections of actuators, sensors and estimators.
-        wait_s: Time at the standoff in which filters settle [s].
-        least_envelope_m, least_speed_m_s: Smallest envelope of a capture that errors of the sensors allow
-            [m], [m/s].
-        plan_limits: Further limits of plans.
-        noise: Whether sensors draw noise.
+        controllers, equipment: Lines of the section ``controllers``, and of actuators, sensors and
+            estimators.
+        wait_s: Time at the standoff in which filters converge [s].
+        least_envelope_m, least_speed_m_s: Minimum capture distance [m] and speed limits [m/s] of the capture
+            envelope, with regard to sensor errors.
+        plan_limits: Additional limits of plans.
+        noise: Whether sensors have noise.
     """
 
     controllers: tuple[str, ...] = ()
@@ -54,10 +56,10 @@ class Spacecraft:
 
 
 def check_include(include: Collection[str]) -> None:
-    """Refuse what ``--with`` does not know.
+    """Check the names in ``--with``.
 
     Raises:
-        ScenarioError: Naming near names.
+        ScenarioError: If a name is unknown; the message has similar names.
     """
     for name in include:
         if name not in (*EQUIPMENT, *SECTIONS):
@@ -70,12 +72,12 @@ def spacecraft(include: Collection[str], scene: Scene, arm: DraftArm) -> Spacecr
     """Equipment for the base of a robot.
 
     Args:
-        include: Of :data:`EQUIPMENT`; :data:`SECTIONS` are left to the scenario.
-        scene: The robot at the start, holding the object.
+        include: Names from :data:`EQUIPMENT` and :data:`SECTIONS`; the latter have no effect here.
+        scene: Scene in which the robot holds the object.
         arm: The robot.
 
     Raises:
-        ScenarioError: If there is no such equipment, or the base is fixed and cannot have any.
+        ScenarioError: If a name is unknown, or wheels or thrusters are requested for a fixed base.
     """
     check_include(include)
     robot = scene.robots[0]
@@ -159,10 +161,11 @@ def spacecraft(include: Collection[str], scene: Scene, arm: DraftArm) -> Spacecr
 
 
 def _nozzles(mass: float, moment: float, planar: bool) -> list[str]:
-    """Twelve nozzles that give every force and torque, eight in a plane.
+    """Lines of twelve nozzles (eight in a planar scene) that span all forces and torques.
 
-    Two push along each axis in each sense, apart along the next axis: so two of them make a couple.
-    They sit on a cube with the robot's mass and inertia, of side sqrt(6 J / m).
+    Two nozzles push along each axis in each direction, at a distance along the next axis, so that two
+    opposite ones form a couple. They are on the surface of a uniform cube with the robot's mass and inertia,
+    whose edge is sqrt(6 J / m).
     """
     half = short(float(np.sqrt(6 * moment / mass)) / 2, 2)
     lines = [

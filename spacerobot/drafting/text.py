@@ -1,4 +1,4 @@
-"""A drafted scenario as a YAML text with comments that say where its numbers come from."""
+"""YAML text of a drafted scenario, with comments on the origin of its numbers."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from spacerobot.scenario.yaml_text import Dumper
 
 @dataclass(frozen=True)
 class DraftText:
-    """All that the text says.
+    """Content of a drafted scenario.
 
     Attributes:
-        name: Of the scenario.
+        name: Name of the scenario.
         arms, bare: The robots, and the scenario without gains.
-        gains: By the tips' labels.
-        move: The target's reference.
-        steps: That of rollouts with these gains, and with gains up to their upper bounds [s].
-        payload: Keys of the object as payload of the only arm; None where several arms share it.
+        gains: Gains by the labels of tips.
+        move: Reference motion of the target.
+        steps: Steps of rollouts with these gains, and with the upper bounds of the gains [s].
+        payload: Keys of the object as payload of the only arm; None with several arms.
     """
 
     name: str
@@ -37,21 +37,21 @@ class DraftText:
     payload: Document | None = None
 
 
-def text_of(found: DraftText) -> str:
-    """YAML text of the scenario."""
+def text_of(draft: DraftText) -> str:
+    """YAML text of a drafted scenario."""
     lines = [
         "# Drafted by `spacerobot new`. Every number is a proposal; edit it.",
         "# Units are SI unless a name says otherwise; `spacerobot schema` exports every field with its unit.",
-        f"name: {flow(as_name(found.name))}",
+        f"name: {flow(as_name(draft.name))}",
         "",
         "robots:",
     ]
-    for arm in found.arms:
-        lines += robot_lines(found, arm)
-    bare, move = found.bare, found.move
+    for arm in draft.arms:
+        lines += robot_lines(draft, arm)
+    bare, move = draft.bare, draft.move
     reference = {"kind": "line", "displacement": move.displacement, "duration": move.duration}
-    peak = 1.5 * max(found.move.displacement) / found.move.duration
-    allowed = short(max(found.move.displacement) / 5, 1)
+    peak = 1.5 * max(draft.move.displacement) / draft.move.duration
+    allowed = short(max(draft.move.displacement) / 5, 1)
     campaign = [
         "# Uncertain parameters of `spacerobot campaign`; ranges are proposals (docs/how_to/monte_carlo.md)",
         "campaign:",
@@ -63,7 +63,7 @@ def text_of(found: DraftText) -> str:
         f"std: {short(peak / 100, 1):g}}}",
         "  samples: 256",
         f"  limits: {{tip_error: {allowed:g}}}   # [m], a fifth of the reference's displacement",
-        f"  step: {min(0.002, found.steps[0]):g}",
+        f"  step: {min(0.002, draft.steps[0]):g}",
     ]
     lines += [
         "",
@@ -81,7 +81,7 @@ def text_of(found: DraftText) -> str:
         f"simulation: {flow({'duration': move.duration + 2, 'output_step': 0.02})}   "
         "# the step is chosen by an error estimate",
         "",
-        *tuning_lines(found),
+        *tuning_lines(draft),
         "",
         *campaign,
     ]
@@ -89,7 +89,7 @@ def text_of(found: DraftText) -> str:
 
 
 def joint_lines(arm: DraftArm, bare: Document) -> list[str]:
-    """The beginning of a robot's section, line by line: URDFs, base and posture."""
+    """First lines of a robot's section: URDFs, base and posture."""
     chain = {name: state for name, state in arm.joints.items() if "locked" not in state}
     locked = {name: state for name, state in arm.joints.items() if "locked" in state}
     lines = [
@@ -117,7 +117,7 @@ def joint_lines(arm: DraftArm, bare: Document) -> list[str]:
 
 
 def guidance_lines(arm: DraftArm, gain: float, payload: Document) -> list[str]:
-    """The controller that leads the tip of one arm, and its comment, inside ``controllers``."""
+    """Lines of the controller of an arm's tip inside ``controllers``, with a comment."""
     guidance: Document = {"kind": "resolved_rate", "gain": gain, "rate_gain": short(RATES * gain, 2)}
     guidance |= {} if arm.turns else {"orientation": False}
     return [
@@ -130,7 +130,7 @@ def guidance_lines(arm: DraftArm, gain: float, payload: Document) -> list[str]:
 
 
 def guidance_variables(arm: DraftArm, gain: float) -> list[str]:
-    """The section of its free numbers, line by line."""
+    """Lines of the tuning variables of an arm's controller."""
     path, lines = f"robots.{arm.name}.controllers.guidance", list[str]()
     for name, value in (("gain", gain), ("rate_gain", RATES * gain)):
         bounds = {"lower": short(value / SPAN), "upper": short(value * SPAN), "scale": "log"}
@@ -138,12 +138,12 @@ def guidance_variables(arm: DraftArm, gain: float) -> list[str]:
     return lines
 
 
-def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
-    """A robot's section, line by line."""
-    bare, gains = found.bare["robots"][arm.name], found.gains[f"{arm.name}/{arm.tip_name}"]
+def robot_lines(draft: DraftText, arm: DraftArm) -> list[str]:
+    """Lines of a robot's section."""
+    bare, gains = draft.bare["robots"][arm.name], draft.gains[f"{arm.name}/{arm.tip_name}"]
     lines, tip = joint_lines(arm, bare), bare["tips"][arm.tip_name]
-    if found.payload is not None:
-        lines += ["    controllers:", *guidance_lines(arm, gains.guidance, found.payload), "    tips:"]
+    if draft.payload is not None:
+        lines += ["    controllers:", *guidance_lines(arm, gains.guidance, draft.payload), "    tips:"]
         frame = {"frame": tip["frame"]} if "frame" in tip else {}
         return [*lines, f"      {arm.tip_name}: {flow(frame)}"]
     lines += [
@@ -168,19 +168,19 @@ def robot_lines(found: DraftText, arm: DraftArm) -> list[str]:
     return lines
 
 
-def tuning_lines(found: DraftText) -> list[str]:
-    """The section of free numbers, line by line."""
+def tuning_lines(draft: DraftText) -> list[str]:
+    """Lines of the tuning section."""
     lines = [
         f"# Variables of tuning: {1 / SPAN:g} to {SPAN:g} the proposed values (docs/how_to/tune.md)",
         "tuning:",
         "  variables:",
     ]
-    for arm in found.arms:
-        gains = found.gains[f"{arm.name}/{arm.tip_name}"]
-        if found.payload is not None:
+    for arm in draft.arms:
+        gains = draft.gains[f"{arm.name}/{arm.tip_name}"]
+        if draft.payload is not None:
             lines += guidance_variables(arm, gains.guidance)
             continue
-        own = "" if len(found.arms) == 1 else f"_{arm.name}"
+        suffix = "" if len(draft.arms) == 1 else f"_{arm.name}"
         for key, prefix, mass in (("pid", "", gains.mass), ("orientation_pid", "turn_", gains.inertia)):
             for gain, value in ({} if mass is None else gains.pid(mass)).items():
                 variable = {
@@ -189,18 +189,18 @@ def tuning_lines(found: DraftText) -> list[str]:
                     "upper": short(value * SPAN),
                     "scale": "log",
                 }
-                lines.append(f"    {prefix}{gain}{own}: {flow(variable)}")
+                lines.append(f"    {prefix}{gain}{suffix}: {flow(variable)}")
     return [
         *lines,
         "  # integral of squared tip errors (minimax: the largest); a radian of the target counts as 0.3 m",
         "  objective: {kind: ise, object_rotation: 0.1}",
         "  # constraints: {max_joint_torque: 50, max_grip_force: 100}",
-        f"  step: {found.steps[1]:g}   # resolves the fastest motion at the upper bounds",
+        f"  step: {draft.steps[1]:g}   # resolves the fastest motion at the upper bounds",
     ]
 
 
 def flow(value: Any) -> str:
-    """Value on one line."""
+    """YAML text of a value on one line."""
     if isinstance(value, str):
         value = yaml.dump(value, Dumper=Dumper, width=10_000, allow_unicode=True).splitlines()[0]
         return str(value)

@@ -1,9 +1,10 @@
-"""Drafts that were simulated and linearised before they are written.
+"""Verification of drafts by simulation and linearisation.
 
-A drafted capture is accepted where its simulation captures with :data:`SHARE` of the envelope's limits left,
-stops the object, keeps to the URDF's limits, keeps its conservation audit, and where the closed
-loop, linearised about the start, the capture and the end, has no pole in the right half-plane. Otherwise
-it is slowed down: half the bandwidth, twice the time, a quarter of the torque. The file says what was found.
+A drafted capture passes its verification if its simulation captures with a margin of :data:`SHARE` to the
+limits of the envelope, stops the object, satisfies the limits of the URDFs and the conservation ledger, and
+if the closed loop, linearised about the start, the capture and the end, has no pole in the right half-plane.
+Otherwise the draft is slowed down: half the bandwidth, twice the time, a quarter of the torque. Comments in
+the file state the results.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ from spacerobot.scene.overlaps import overlaps
 from spacerobot.simulation import Progress, prepare_simulation
 
 SLOWDOWNS = (1.0, 2.0, 4.0, 8.0)
-"""Factors by which a capture is slowed down, in the order in which they are tried."""
+"""Slowdowns in the order in which they are tried."""
 SHARE = 0.3
-"""Part of every limit of the capture envelope, the distance aside, that is left at the capture."""
+"""Required relative margin to every limit of the capture envelope, except the distance."""
 FAST = 2.0
-"""Poles slower than this, over the time for which the loop stays as it is, belong to the motion: pose and
-momentum of the whole have zeros, and redundant joints drift with the posture while a tip moves."""
+"""Minimum magnitude of a pole times the duration of its phase for the pole to count. Slower poles belong to
+the motion: pole pairs at zero of the total pose and momentum, and the drift of redundant joints."""
 TRACKED, TURNED_DEG = 0.1, 2.0
-"""Largest error of a held tip, in parts of its way, and of its orientation where that is controlled [deg]."""
-SHORTEST = 5.0  # [s] for which the loop counts as staying as it is
+"""Maximum error of a tip that holds the object, relative to its travel, and of its orientation [deg]."""
+SHORTEST = 5.0  # minimum duration of a phase in the comparison with FAST [s]
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,11 @@ class Draft:
     """A drafted scenario.
 
     Attributes:
-        file: Where the text belongs: URDFs are named relative to it.
-        text: The scenario as YAML, with comments.
-        scene: The same, ready to simulate.
-        problems: Why it does not capture, or hold; empty if it does.
-        checks: Results of the simulation and linearisation, a sentence each; empty if nothing was simulated.
+        file: File of the scenario; paths of URDFs are relative to its folder.
+        text: YAML text with comments.
+        scene: Scene of the scenario.
+        problems: Reasons why the verification failed, for each slowdown; empty if it passed.
+        checks: Results of simulation and linearisation in sentences; empty without a simulation.
     """
 
     file: Path
@@ -67,13 +68,18 @@ class Draft:
 
     @property
     def is_verified(self) -> bool:
-        """Whether it was simulated and passed its verification."""
+        """Whether the draft was simulated and passed its verification."""
         return bool(self.checks) and not self.problems
 
 
 @dataclass(frozen=True)
 class Verification:
-    """Results of simulating and linearising a draft: problems and numbers, a sentence each."""
+    """Results of the simulation and linearisation of a draft.
+
+    Attributes:
+        problems: Reasons why the verification failed.
+        checks: Numbers in sentences.
+    """
 
     problems: tuple[str, ...]
     checks: tuple[str, ...] = ()
@@ -87,21 +93,22 @@ def draft(
     simulate: bool = True,
     progress: Progress | None = None,
 ) -> Draft:
-    """Draft a scenario from URDFs, and simulate it before it is written; nothing is written here.
+    """Draft a scenario from URDFs and verify it by simulation, without writing it.
 
     Args:
-        request: URDFs, and what is chosen.
-        file: Where the text will be written; URDFs are named relative to it.
-        capture: Whether the object is approached, captured and stopped by one robot, or held from the start.
-        simulate: Whether it is simulated and linearised, and a capture slowed down until it succeeds.
-        progress: Called with a few words whenever a step that may take a while begins.
+        request: URDFs and options.
+        file: File of the scenario; paths of URDFs are relative to its folder.
+        capture: Whether one robot approaches, captures and stops the object; otherwise robots hold it from
+            the start.
+        simulate: Whether the draft is verified, and slowed down until it passes.
+        progress: Callback with a short text, called when a step that may take long begins.
 
     Returns:
-        Draft: Also of a scenario that does not work; its problems say why, in the text too.
+        Draft: The draft, also if it fails the verification; its ``problems`` and its text then state why.
 
     Raises:
-        ScenarioError, DescriptionError: If a URDF cannot be used, a link is not there, or no such scene can
-            be simulated.
+        ScenarioError, DescriptionError: If a URDF cannot be used, a link is missing, or the scene cannot be
+            simulated.
     """
     tell = progress or (lambda _: None)
     place = Path(file)
@@ -117,33 +124,36 @@ def draft(
     tries = list[str]()
     for slowdown in SLOWDOWNS:
         text, scene = write(slowdown)
-        found = verify(scene, tell)
-        if not found.problems:
+        verification = verify(scene, tell)
+        if not verification.problems:
             break
         pace = "As first drafted" if slowdown == 1 else f"Slowed down by {slowdown:g}"
-        tries.append(f"{pace}: {'; '.join(found.problems)}.")
-    if found.problems:
+        tries.append(f"{pace}: {'; '.join(verification.problems)}.")
+    if verification.problems:
         text, scene = write(1.0)
         lines = ["The draft did not pass its verification; change it by hand.", *tries]
         return Draft(place, _headed(text, lines), scene, tuple(tries))
     if tries:
         tries.append(f"Slowed down by {slowdown:g}: it divides the bandwidths and multiplies the times.")
-    lines = ["Simulated and linearised before it was written:", *(f"  {one}" for one in found.checks), *tries]
-    return Draft(place, _headed(text, lines), scene, (), found.checks)
+    checks = [f"  {check}" for check in verification.checks]
+    lines = ["Simulated and linearised before it was written:", *checks, *tries]
+    return Draft(place, _headed(text, lines), scene, (), verification.checks)
 
 
 def _headed(text: str, lines: Sequence[str]) -> str:
-    """Text with comments after its first line."""
+    """Text with comment lines inserted after its first line."""
     first, rest = text.split("\n", 1)
     return "\n".join([first, *(f"# {line}" for line in lines), rest])
 
 
 def verify_held(scene: Scene, progress: Progress | None = None) -> Verification:
-    """Simulate a scene in which the object is held from the start, and linearise it at its start and end.
+    """Verify a scene in which robots hold the object from the start.
+
+    The loop is linearised at the start and at the end of the simulation.
 
     Args:
         scene: The scene.
-        progress: As of :func:`spacerobot.simulate`.
+        progress: As for :func:`spacerobot.simulate`.
     """
     loop = cached_closed_loop(scene)
     try:
@@ -174,11 +184,13 @@ def verify_held(scene: Scene, progress: Progress | None = None) -> Verification:
 
 
 def verify_capture(scene: Scene, progress: Progress | None = None) -> Verification:
-    """Simulate a scene with one capture, and linearise it at the start, at the capture and at the end.
+    """Verify a scene with one capture.
+
+    The loop is linearised at the start, after the capture and at the end of the simulation.
 
     Args:
         scene: The scene.
-        progress: As of :func:`spacerobot.simulate`.
+        progress: As for :func:`spacerobot.simulate`.
     """
     loop, grasp = cached_closed_loop(scene), scene.grasps[0]
     try:
@@ -204,21 +216,21 @@ def verify_capture(scene: Scene, progress: Progress | None = None) -> Verificati
     assert config is not None, "a grasp that begins open has an envelope"
     before = max(int(np.searchsorted(time, captured)) - 1, 0)
     values = envelope_quantities(scene, grasp, config, result.data, [before])
-    told = list[str]()
+    margins = list[str]()
     for name in config.limits:
         if name == "distance":
-            continue  # the capture happens where the tip comes within it
+            continue  # a capture occurs at the limit of the distance
         word, unit, factor = SHOWN[name]
         value, limit = float(values[name][0]) * factor, float(getattr(config, name)) * factor
-        least = 1e-3 * limit  # digits of a value far below its limit decide nothing
-        shown = f"{value:.2g}" if value > least else f"below {least:.1g}"
-        told.append(f"{word} {shown} of {limit:.3g} {unit}")
+        least = 1e-3 * limit  # values far below their limits are not written, since they depend on rounding
+        value_text = f"{value:.2g}" if value > least else f"below {least:.1g}"
+        margins.append(f"{word} {value_text} of {limit:.3g} {unit}")
         if value > (1 - SHARE) * limit:
             problems.append(f"{word} at the capture: {value:.3g} {unit} of {limit:.3g} {unit}, too close")
     if not end["name"].endswith(".settled"):
         problems.append(f"after the capture the object did not come to rest: {end['name']}")
     checks = (
-        f"captured after {captured:.3g} s ({', '.join(told)}), at rest after {end['time_s']:.3g} s.",
+        f"captured after {captured:.3g} s ({', '.join(margins)}), at rest after {end['time_s']:.3g} s.",
         *_joints(scene, result),
         _slowest(loop, at),
     )
@@ -226,7 +238,7 @@ def verify_capture(scene: Scene, progress: Progress | None = None) -> Verificati
 
 
 def _of_any(result: Result) -> Iterator[str]:
-    """Problems of any simulation: limits of the URDF, and the conservation audit."""
+    """Problems of any simulation: violated limits of the URDFs, and an open conservation ledger."""
     for one in result.summary.get("beyond_limits", ()):
         yield f"{one['joint']}: {one['quantity']} beyond {one['limit']:.3g} {one['unit']}"
     if not result.summary["status"]["trusted"]:
@@ -234,7 +246,7 @@ def _of_any(result: Result) -> Iterator[str]:
 
 
 def _joints(scene: Scene, result: Result) -> Iterator[str]:
-    """Largest parts of the URDF's limits that joints use, in a sentence; none if it has no limits."""
+    """Largest torque and rate relative to the URDFs' limits, in a sentence; none without limits."""
     data, largest = result.data, dict[str, tuple[float, str]]()
     joints = {
         f"{robot.name}/{joint.name}": joint for robot in scene.robots for joint in robot.description.joints
@@ -251,27 +263,32 @@ def _joints(scene: Scene, result: Result) -> Iterator[str]:
                 share = float(np.nanmax(np.abs(data[array].values[:, k]))) / limit
                 largest[word] = max(largest.get(word, (0.0, "")), (share, joint.name))
     if largest:
-        told = (f"{word} {100 * share:.2g} % ({joint})" for word, (share, joint) in largest.items())
-        yield f"joints use at most this share of the URDF's limits: {', '.join(told)}."
+        shares = (f"{word} {100 * share:.2g} % ({joint})" for word, (share, joint) in largest.items())
+        yield f"joints use at most this share of the URDF's limits: {', '.join(shares)}."
 
 
 def _fast_poles(loop: ClosedLoop, instant: Instant, lasts_s: float) -> Array:
-    """Poles that matter within a time [s], real parts descending."""
-    found = find_poles(loop, instant.time_s, instant.x, instant.c)
-    fast = found[np.abs(found) * lasts_s > FAST]
+    """Poles [1/s] that are fast compared with the duration of a phase [s], by descending real part."""
+    poles = find_poles(loop, instant.time_s, instant.x, instant.c)
+    fast = poles[np.abs(poles) * lasts_s > FAST]
     return fast[np.argsort(-fast.real)]
 
 
 def _unstable(loop: ClosedLoop, at: Mapping[float, Instant]) -> Iterator[str]:
-    """Instants about which the loop is unstable, by how long it stays as it is there [s]."""
+    """Unstable poles in words.
+
+    Args:
+        loop: The closed loop.
+        at: Instants of linearisation by the durations of their phases [s].
+    """
     for lasts_s, instant in at.items():
-        found = _fast_poles(loop, instant, lasts_s)
-        if found.size and not found[0].real <= 0:
-            yield f"unstable {_when(instant)}: a pole at {found[0].real:.2g} 1/s"
+        poles = _fast_poles(loop, instant, lasts_s)
+        if poles.size and not poles[0].real <= 0:
+            yield f"unstable {_when(instant)}: a pole at {poles[0].real:.2g} 1/s"
 
 
 def _when(instant: Instant) -> str:
-    """An instant in words."""
+    """Instant in words."""
     if instant.is_start:
         return "at the start"
     if instant.label.endswith("captured, after"):
@@ -280,16 +297,16 @@ def _when(instant: Instant) -> str:
 
 
 def _slowest(loop: ClosedLoop, at: Mapping[float, Instant]) -> str:
-    """Poles in a sentence."""
-    found = np.concatenate([_fast_poles(loop, instant, lasts_s) for lasts_s, instant in at.items()])
+    """Fastest pole and smallest damping ratio in a sentence."""
+    poles = np.concatenate([_fast_poles(loop, instant, lasts_s) for lasts_s, instant in at.items()])
     where = ", ".join(_when(instant) for instant in at.values())
-    # samples are held in the Jacobian: what is fed back through them has no pole there
+    # the linearisation holds samples constant: feedback through samples has no poles in it
     if any(rule.clock for rule in loop.events):
         where += " between samples (`spacerobot margins` includes what is fed back through samples)"
-    if not found.size:
+    if not poles.size:
         return f"linearised {where}: no pole is faster than the motion."
-    damping = -found.real / np.abs(found)
+    damping = -poles.real / np.abs(poles)
     return (
-        f"linearised {where}: fastest pole {np.abs(found).max():.3g} 1/s, "
+        f"linearised {where}: fastest pole {np.abs(poles).max():.3g} 1/s, "
         f"least damping ratio {damping.min():.2g} (stable above 0, no oscillation at 1)."
     )
