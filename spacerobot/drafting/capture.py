@@ -47,7 +47,7 @@ POINT = "mate_point"
 PEAK = 1.875
 """Ratio of peak to mean speed of a rendezvous' quintic blend."""
 DRIFT, TURN_DEG = 0.1, 2.0
-"""Drift of the object until the tip arrives, relative to the tip's initial distance, and its rotation [deg]."""
+"""Drift of the object until the tip arrives, relative to the tip's initial distance, and rotation [deg]."""
 ENVELOPE = 1.5
 """Allowed closing speed at the capture, relative to the peak closing speed of the approach. The tip enters
 the envelope, at a fifth of the distance from the standoff, at 0.73 of the peak."""

@@ -153,7 +153,7 @@ def _placed(
     object_mass: float,
     source: Path,
 ) -> tuple[Document, Scene]:
-    """Scenario without gains, and its scene, with the target rotated about the first tip away from the arm."""
+    """Scenario without gains, and its scene, the target rotated about the first tip, away from the arm."""
     bare = _document(arms, frames, bases, object_mass)
     scene = scene_of(bare, source)
     # orientation of the target, in steps of 90 degrees about the tip, in which it is farthest from that arm

@@ -1,4 +1,4 @@
-"""Export to formats of other tools; one file a format in ``spacerobot/exports/formats``."""
+"""Export to formats of other tools, one file for each format in ``spacerobot/exports/formats``."""
 
 from spacerobot.exports.export_format import ExportFormat, NoOptions
 

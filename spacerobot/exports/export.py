@@ -32,24 +32,22 @@ def export(
     changes: Changes = (),
     **options: Any,
 ) -> Path:
-    """Write a file or a folder for another tool.
+    """Export a result, plan or scene to a file or folder of another tool.
 
     Args:
-        thing: A result, a plan or a scene; the folder of a result or of a plan; the name or file of a
-            scenario.
-        path: File or folder to write. A file that exists is replaced; in a folder, files of the same names
-            are.
-        format: Name of the format, as ``spacerobot export --list`` shows; by the suffix of ``path`` if None.
-        changes: New values by dotted path, where ``thing`` is the name or file of a scenario.
+        thing: A result, a plan or a scene; the folder of a result or plan; the name or file of a scenario.
+        path: File or folder to write. An existing file, or files of the same names in a folder, are replaced.
+        format: Name of the format, from ``spacerobot export --list``; that of the suffix of ``path`` if None.
+        changes: New values by dotted path, if ``thing`` is the name or file of a scenario.
         **options: Options of the format.
 
     Returns:
         pathlib.Path: ``path``.
 
     Raises:
-        SpaceRobotError: If the format or an option is unknown, the format does not export such a thing, or a
-            package is missing that an extra installs.
-        ResultError: If a folder holds neither a result nor a plan, or the file cannot be written.
+        SpaceRobotError: If the format or an option is unknown, the format does not support ``thing``, or an
+            optional package is missing.
+        ResultError: If a folder contains neither a result nor a plan, or the file cannot be written.
         ScenarioError: If a scenario cannot be read.
     """
     chosen = format_of(path, format)
@@ -72,16 +70,16 @@ def export(
 
 @dataclass(frozen=True)
 class FormatList(Tabular):
-    """Formats of other tools.
+    """List of export formats.
 
     Attributes:
-        formats: Format by name.
+        formats: Formats by name.
     """
 
     formats: dict[str, ExportFormat]
 
     def content(self) -> Sequence[Content]:
-        """Table of the formats: suffixes, what each exports, options."""
+        """Table of the formats with suffixes, sources and options."""
         return [
             Table(
                 None,
@@ -104,20 +102,20 @@ class FormatList(Tabular):
         ]
 
     def __repr__(self) -> str:
-        """Names, in one line."""
+        """Names of the formats, in one line."""
         return f"<FormatList: {', '.join(self.formats)}>"
 
 
 def list_formats() -> FormatList:
-    """Formats of :func:`export`, with their options."""
+    """List the formats of :func:`export` with their options."""
     return FormatList(dict(EXPORT_FORMATS.entries()))
 
 
 def format_of(path: StrPath, name: str | None = None) -> ExportFormat:
-    """Format of a name, or that of a path's suffix.
+    """Find a format by its name, or by the suffix of a path.
 
     Raises:
-        SpaceRobotError: If there is none; lists the formats or the suffixes.
+        SpaceRobotError: If there is no such format; the message lists the formats or suffixes.
     """
     if name is not None:
         named: ExportFormat = EXPORT_FORMATS.find(name)
@@ -137,10 +135,10 @@ def format_of(path: StrPath, name: str | None = None) -> ExportFormat:
 
 
 def parse_options(kind: ExportFormat, options: Mapping[str, Any]) -> Section:
-    """Options of a format, checked.
+    """Validate the options of a format.
 
     Raises:
-        SpaceRobotError: If one is unknown or has a value that is not allowed.
+        SpaceRobotError: If an option is unknown or has an invalid value.
     """
     if unknown := [name for name in options if name not in kind.options.model_fields]:
         names = kind.options.model_fields
@@ -156,16 +154,16 @@ def parse_options(kind: ExportFormat, options: Mapping[str, Any]) -> Section:
 def source_for(
     kind: ExportFormat, thing: Result | PlanResult | Scene | StrPath, changes: Changes = ()
 ) -> Result | PlanResult | Scene:
-    """Result, plan or scene that a format exports.
+    """Read the result, plan or scene that a format exports.
 
     Args:
         kind: The format.
-        thing: As in :func:`export`.
+        thing: As for :func:`export`.
         changes: New values by dotted path, for a scenario.
 
     Raises:
-        SpaceRobotError: If the format does not export such a thing.
-        ResultError: If a folder holds neither a result nor a plan.
+        SpaceRobotError: If the format does not support ``thing``.
+        ResultError: If a folder contains neither a result nor a plan.
         ScenarioError: If a scenario cannot be read.
     """
     source: Any = _read(thing, changes) if isinstance(thing, str | os.PathLike) else thing
@@ -205,7 +203,7 @@ def _read(path: StrPath, changes: Changes) -> Result | PlanResult | Scene:
 
 
 def _move_into_place(prepared: Path, path: Path) -> list[Path]:
-    """Move a file, or the files of a folder into a folder that may exist."""
+    """Move a file, or the files of a folder into a possibly existing folder, and return the final paths."""
     if prepared.is_file():
         prepared.chmod(0o644)
         prepared.replace(path.resolve())

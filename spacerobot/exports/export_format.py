@@ -9,29 +9,29 @@ from spacerobot.common.registry import EXPORT_FORMATS, Registry, required
 from spacerobot.common.section import Section
 
 Source = Literal["result", "plan", "scene"]
-"""Kind of what is exported: ``Result``, ``PlanResult`` or ``Scene`` of the namespace."""
+"""Kind of source: a ``Result``, a ``PlanResult`` or a ``Scene``."""
 
 
 class NoOptions(Section):
-    """Options of a format that has none."""
+    """Options of a format without options."""
 
 
 class ExportFormat:
-    """A format of other tools.
+    """Base class of export formats.
 
     A format derives from this class, states its name, and is decorated with
     :func:`spacerobot.common.registry.registered`. Packages that it needs are imported by
     :func:`spacerobot.common.optional.optional_module` in :meth:`write`.
 
     Attributes:
-        name, place: On the command line, and its place in lists.
-        summary: A few words for lists and the documentation.
-        suffixes: Suffixes of files that are written in this format if none is named, ``.csv``; none where a
-            path does not tell the format.
-        takes: What it exports, the preferred one first. A result or a plan is exported as its scene if only
-            ``scene`` is in the list.
-        options: Its options, keyword arguments of :func:`spacerobot.export` and ``--options`` of the command
-            line.
+        name, place: Name of the format, and position in lists.
+        summary: Short description for lists and the documentation.
+        suffixes: File suffixes that select the format, such as ``.csv``; empty if it is selected by name
+            only.
+        takes: Supported sources, the preferred one first. Results and plans are exported as their scenes if
+            only ``scene`` is supported.
+        options: Options of the format: keyword arguments of :func:`spacerobot.export`, and command-line
+            options.
     """
 
     registry: ClassVar[Registry] = EXPORT_FORMATS
@@ -47,12 +47,13 @@ class ExportFormat:
         """Write a file or a folder.
 
         Args:
-            source: A result, a plan or a scene, as :attr:`takes` allows.
-            path: Path of the file or folder, which does not exist yet: a temporary one, of the final name,
-                that is moved into place when this method returns.
+            source: A result, a plan or a scene, as listed in :attr:`takes`.
+            path: File or folder, which does not exist yet: it is in a temporary folder, has the final name,
+                and is moved when this method returns.
             options: Instance of :attr:`options`.
 
         Raises:
-            SpaceRobotError: If the source has no counterpart in the format, or a package is missing.
+            SpaceRobotError: If the source has no counterpart in the format, or an optional package is
+                missing.
         """
         raise NotImplementedError

@@ -1,7 +1,7 @@
-"""A result as messages of Foxglove's protobuf schemas.
+"""Messages of a result in Foxglove's protobuf schemas.
 
-``/tf`` has the transforms of all links, ``/scene`` their shapes, ``/events`` the events as lines of a log,
-and ``/signals/NAME`` each variable as a message whose fields are its labels.
+``/tf`` contains the transforms of all links, ``/scene`` their shapes, ``/events`` the events as log messages,
+and ``/signals/NAME`` each variable as a message with a field for each label.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from viz.drawing.motion import DrawnSolid
 
 Clock = Callable[[float], int]
-"""From a time of the simulation [s] to that of the log [ns since 1970]."""
+"""Function from simulation time [s] to log time [ns since 1970]."""
 ALARMING = ("slipped", "failed")
-"""Kinds of events that are warnings in the log."""
+"""Kinds of events with the log level of warnings."""
 
 
 class FoxgloveChannels:
-    """Channels of a log by topic, each registered with its first message."""
+    """Channels of a log by topic; a channel is registered with its first message."""
 
     def __init__(self, writer: Any, clock: Clock) -> None:
         self._writer, self.clock, self._ids = writer, clock, dict[str, int]()
         self._register = optional_module("mcap_protobuf.schema", "mcap", "the format mcap").register_schema
 
     def add(self, topic: str, message: Any, time_s: float, metadata: dict[str, str] | None = None) -> None:
-        """Add a message at a time of the simulation [s]."""
+        """Add a message to a topic at a simulation time [s]."""
         if topic not in self._ids:
             schema = self._register(self._writer, type(message))
             self._ids[topic] = self._writer.register_channel(topic, "protobuf", schema, metadata or {})
@@ -45,7 +45,7 @@ class FoxgloveChannels:
         self._writer.add_message(self._ids[topic], stamp, message.SerializeToString(), stamp)
 
     def stamp(self, time_s: float) -> Any:
-        """Protobuf time stamp of a time of the simulation [s]."""
+        """Protobuf time stamp of a simulation time [s]."""
         timestamp = optional_module("google.protobuf.timestamp_pb2", "mcap", "the format mcap").Timestamp()
         timestamp.FromNanoseconds(self.clock(time_s))
         return timestamp
@@ -103,7 +103,7 @@ def _write_transforms(channels: FoxgloveChannels, links: Sequence[LinkMotion], t
 
 
 def _write_scene(channels: FoxgloveChannels, links: Sequence[LinkMotion], time: float) -> None:
-    """An entity for each link, which moves with the link's frame."""
+    """Write an entity for each link, which moves with the link's frame."""
     entity, update, stamp = _schema("SceneEntity"), _schema("SceneUpdate"), channels.stamp(time)
     entities = []
     for link in links:
@@ -116,7 +116,7 @@ def _write_scene(channels: FoxgloveChannels, links: Sequence[LinkMotion], time: 
 
 
 def _add_solid(entity: Any, solid: DrawnSolid) -> None:
-    """Primitive or triangles of a solid."""
+    """Add a solid to an entity, as a primitive or as triangles."""
     from spacerobot.exports.link_motion import pose_of
     from viz.drawing.meshes import load_mesh, mesh_file
 
@@ -142,7 +142,7 @@ def _add_solid(entity: Any, solid: DrawnSolid) -> None:
         if mesh.colours is None:
             triangles.points.extend(point(x=a, y=b, z=c) for a, b, c in mesh.vertices.tolist())
             triangles.indices.extend(mesh.triangles.ravel().tolist())
-        else:  # colours belong to vertices: each triangle has three of its own
+        else:  # Foxglove colours vertices, the mesh its triangles: vertices are not shared by triangles
             corners = mesh.vertices[mesh.triangles].reshape(-1, 3).tolist()
             shades = np.repeat(mesh.colours / 255.0, 3, axis=0).tolist()
             triangles.points.extend(point(x=a, y=b, z=c) for a, b, c in corners)
@@ -150,7 +150,11 @@ def _add_solid(entity: Any, solid: DrawnSolid) -> None:
 
 
 def _write_signal(channels: FoxgloveChannels, data: xr.Dataset, name: str, variable: xr.DataArray) -> None:
-    """A variable as a topic: its unit in each message and, by label where units differ, in the channel."""
+    """Write a variable as a topic.
+
+    Each message contains the unit of the variable. If units differ between labels, the channel's metadata
+    have the unit of each label.
+    """
     labels = [[str(label) for label in data[dim].values] for dim in variable.dims[1:]]
     message = message_type(name, labels)
     columns = list(signals(data[[name]].assign_coords(data.coords)))
@@ -174,7 +178,7 @@ def _write_signal(channels: FoxgloveChannels, data: xr.Dataset, name: str, varia
 
 
 def field_names(labels: Sequence[str]) -> list[str]:
-    """Names of protobuf fields for labels: letters, digits and ``_``, each once."""
+    """Unique names of protobuf fields for labels, of letters, digits and ``_``."""
     names = list[str]()
     for label in labels:
         name = re.sub(r"\W", "_", label, flags=re.ASCII)
@@ -186,9 +190,9 @@ def field_names(labels: Sequence[str]) -> list[str]:
 
 
 def message_type(name: str, labels: Sequence[Sequence[str]]) -> Any:
-    """Class of the messages of a variable: ``timestamp``, ``unit``, and a field for each label.
+    """Message class of a variable with the fields ``timestamp``, ``unit``, and one for each label.
 
-    Labels of a further dimension are fields of a nested message; a variable without labels has ``value``.
+    With several dimensions, messages are nested. A variable without labels has the field ``value``.
 
     Args:
         name: Name of the variable.

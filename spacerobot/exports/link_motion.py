@@ -1,4 +1,4 @@
-"""Placements of all links over time, each in its parent's frame, with their shapes."""
+"""Motions and shapes of all links, each relative to its parent link."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ WORLD = "world"
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """Motion of a link.
+    """Motion of a link relative to its parent.
 
     Attributes:
-        name: ``servicer/left_link_1``.
+        name: Name of the link, such as ``servicer/left_link_1``.
         parent: Name of the parent link; :data:`WORLD` for the root of a body.
         position: Origin of the link in the parent's frame (nt, 3) [m].
-        quaternion: Rotation from the link's to the parent's axes (nt, 4), x, y, z, w; without jumps of sign.
-        solids: Visual shapes in the link's frame; collision shapes of a body without visual ones.
+        quaternion: Rotation from the link's to the parent's axes (nt, 4), x, y, z, w, without changes of
+            sign.
+        solids: Visual shapes in the link's frame; collision shapes for a body without visual ones.
     """
 
     name: str
@@ -38,7 +39,7 @@ class LinkMotion:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether the link never moves in its parent's frame."""
+        """Whether the link does not move relative to its parent."""
         constant: bool = (self.position == self.position[0]).all() and (
             self.quaternion == self.quaternion[0]
         ).all()
@@ -69,8 +70,8 @@ def link_motions(scene: Scene, q: Array) -> list[LinkMotion]:
             origin[name] = joints.points(joint, frame.placement.translation)
             turned, moved = rotation[name], origin[name]
             if name in parents:
-                # parent_R_link = parent_R^T R; a link welded to its parent gets the constant product of the
-                # two frames' placements, without rounding of the motion
+                # parent_R_link = parent_R^T R; for a link fixed to its parent, the constant product of the
+                # two frame placements, without rounding errors of the motion
                 above = parents[name]
                 parent_frame = scene.model.frames[
                     scene.model.getFrameId(f"{body.name}/{above}", pin.FrameType.BODY)
@@ -102,7 +103,7 @@ def link_motions(scene: Scene, q: Array) -> list[LinkMotion]:
 
 
 def _parents_first(links: Any, parents: dict[str, str]) -> list[str]:
-    """Names of links, each after its parent."""
+    """Names of links in an order in which parents precede their children."""
     ordered = list[str]()
     for name in links:
         chain = [name]

@@ -1,4 +1,4 @@
-"""A scene's bodies in MuJoCo's description, which Basilisk and Drake read too, and its coordinates there."""
+"""MJCF of a scene's bodies, for MuJoCo, Basilisk and Drake, and conversion of coordinates."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from spacerobot.scene import Scene
 PLANAR = (("x", "slide", "1 0 0"), ("y", "slide", "0 1 0"), ("r", "hinge", "0 0 1"))
 """Joints of a planar base: suffix, type and axis."""
 WHEEL_MASS = 1.0
-"""[kg] Mass of each wheel, taken from its base: only its inertia about its axis is added to the model."""
+"""Mass of each wheel [kg], subtracted from its base: only the axial inertia is added to the model."""
 Wheels = Mapping[int, tuple[Array, float]]
-"""Axes of wheels (3 x n) and the inertia of each about its axis [kg m^2], by the joint of their base."""
+"""Axes of wheels (3 x n) and their axial inertia [kg m^2], by the joint of the base."""
 
 
 def numbers(values: object) -> str:
-    """Numbers in full, separated by blanks."""
+    """Text of numbers in full precision, separated by spaces."""
     return " ".join(f"{x:.17g}" for x in np.ravel(np.asarray(values, dtype=float)))
 
 
@@ -32,16 +32,16 @@ def mjcf(
     wheels: Wheels | None = None,
     joint_attributes: Mapping[int, str] | None = None,
 ) -> str:
-    """MuJoCo's description of the bodies of a scene, joint by joint.
+    """MJCF of the bodies of a scene, one body for each joint of the model.
 
-    Inertias are written as they are in the model, so that links welded together are one body.
+    Links joined by fixed joints are one body with the inertia in the model.
 
     Args:
-        scene: Scene whose model is written.
-        more: Further sections, XML: options, motors, equality constraints.
-        inside: Geometries and sites, XML by joint of the model; those of the world by 0.
+        scene: The scene.
+        more: XML of further sections: options, motors, equality constraints.
+        inside: XML of geometries and sites by joint of the model; 0 for the world.
         wheels: Wheels of bases.
-        joint_attributes: Further attributes of scalar joints, XML by joint of the model: ranges, stiffness.
+        joint_attributes: XML of further attributes of scalar joints, such as ranges, by joint of the model.
     """
     model, inside = scene.model, inside or {}
     children: dict[int, list[int]] = {}
@@ -50,7 +50,7 @@ def mjcf(
     data = model.createData()
 
     def body(joint: int) -> str:
-        """Return the MJCF body that a joint of the model moves, with the bodies below it."""
+        """MJCF of the body that a joint of the model moves, including its child bodies."""
         inertia, inner = model.inertias[joint], ""
         name = quoteattr(model.names[joint])
         if wheels is not None and joint in wheels:
@@ -75,18 +75,18 @@ def mjcf(
         return f"<body name={name} {place}>{_inertial(inertia)}{joints}{inner}</body>"
 
     bodies = inside.get(0, "") + "".join(body(joint) for joint in children[0])
-    # angles in radians; every number given, so that nothing is derived from geometries
+    # angles in radians; all inertias are explicit, none is derived from geometries
     head = '<compiler angle="radian" autolimits="true" inertiafromgeom="false"/>'
     return f'<mujoco model="scene">{head}<worldbody>{bodies}</worldbody>{more}</mujoco>'
 
 
 def motors(names: Iterable[str]) -> str:
-    """Motors of joints, each of the joint's name."""
+    """MJCF of motors of joints, with the joints' names."""
     return f"<actuator>{''.join(f'<motor name={n!r} joint={n!r}/>' for n in names)}</actuator>"
 
 
 def pose(placement: pin.SE3) -> str:
-    """Attributes of a body or a site."""
+    """MJCF attributes ``pos`` and ``quat`` of a placement."""
     quat = pin.Quaternion(placement.rotation).coeffs()
     return f'pos="{numbers(placement.translation)}" quat="{numbers(np.roll(quat, 1))}"'
 
@@ -99,7 +99,11 @@ def _inertial(inertia: pin.Inertia) -> str:
 
 
 def _wheels(inertia: pin.Inertia, axes: Array, spin: float, prefix: str) -> tuple[str, pin.Inertia]:
-    """Wheels as bodies on hinges; their mass and inertia across their axes are taken from the base."""
+    """MJCF of wheels as bodies on hinges, and the inertia of the base without them.
+
+    The wheels' masses and transverse inertias are subtracted from the base, so that the totals are unchanged.
+    The transverse inertia is 0.6 times the axial one: more than half of it, as MuJoCo requires.
+    """
     across, texts, rest = 0.6 * spin, "", np.array(inertia.inertia)
     for i, axis in enumerate(axes.T):
         tensor = across * np.eye(3) + (spin - across) * np.outer(axis, axis)
@@ -116,13 +120,18 @@ def _wheels(inertia: pin.Inertia, axes: Array, spin: float, prefix: str) -> tupl
 def coordinates(
     scene: Scene, q: Array, v: Array, wheel_speeds: Mapping[int, Array] | None = None
 ) -> tuple[Array, Array]:
-    """MuJoCo's positions and velocities: linear ones of bases in world axes, angular in their own.
+    """Convert configuration and velocity to MuJoCo's ``qpos`` and ``qvel``.
+
+    MuJoCo's linear velocities of bases are in world axes, and its angular velocities in body axes.
 
     Args:
         scene: The scene.
         q, v: Configuration (nq,) and velocity (nv,) in Pinocchio's coordinates.
-        wheel_speeds: Speeds of wheels relative to their base [rad/s] by the joint of that base, where the
-            description has wheels; their angles begin at zero.
+        wheel_speeds: Speeds of wheels relative to their base [rad/s] by the joint of the base; None without
+            wheels. Wheel angles are zero.
+
+    Returns:
+        tuple: Positions and velocities.
     """
     position: list[float] = []
     velocity: list[float] = []
@@ -148,12 +157,12 @@ def coordinates(
 def model_coordinates(
     scene: Scene, position: Array, velocity: Array, wheels: Mapping[int, int] | None = None
 ) -> tuple[Array, Array, dict[int, Array]]:
-    """Pinocchio's coordinates of MuJoCo's: the inverse of :func:`coordinates`.
+    """Convert MuJoCo's coordinates to Pinocchio's, the inverse of :func:`coordinates`.
 
     Args:
         scene: The scene.
         position, velocity: MuJoCo's ``qpos`` and ``qvel``.
-        wheels: Number of wheels by the joint of their base, where the description has them.
+        wheels: Number of wheels by the joint of their base; None without wheels.
 
     Returns:
         tuple: Configuration (nq,), velocity (nv,), and speeds of wheels [rad/s] by the joint of their base.
@@ -162,19 +171,19 @@ def model_coordinates(
     at, to = 0, 0  # in position and velocity
     for index, joint in enumerate(scene.model.joints[1:], start=1):
         place, rate = position[at:], velocity[to:]
-        own_q = slice(joint.idx_q, joint.idx_q + joint.nq)
-        own_v = slice(joint.idx_v, joint.idx_v + joint.nv)
+        rows_q = slice(joint.idx_q, joint.idx_q + joint.nq)
+        rows_v = slice(joint.idx_v, joint.idx_v + joint.nv)
         if joint.nv == 6:
-            q[own_q] = place[[0, 1, 2, 4, 5, 6, 3]]
+            q[rows_q] = place[[0, 1, 2, 4, 5, 6, 3]]
             rotation = pin.Quaternion(*place[3:7]).normalized().toRotationMatrix()
-            v[own_v] = [*(rotation.T @ rate[:3]), *rate[3:6]]
+            v[rows_v] = [*(rotation.T @ rate[:3]), *rate[3:6]]
         elif joint.nv == 3:
             c, s = np.cos(place[2]), np.sin(place[2])
-            q[own_q] = [place[0], place[1], c, s]
-            v[own_v] = [c * rate[0] + s * rate[1], c * rate[1] - s * rate[0], rate[2]]
+            q[rows_q] = [place[0], place[1], c, s]
+            v[rows_v] = [c * rate[0] + s * rate[1], c * rate[1] - s * rate[0], rate[2]]
         else:
-            q[own_q] = place[0] if joint.nq == 1 else [np.cos(place[0]), np.sin(place[0])]
-            v[own_v] = rate[0]
+            q[rows_q] = place[0] if joint.nq == 1 else [np.cos(place[0]), np.sin(place[0])]
+            v[rows_v] = rate[0]
         at, to = at + (7 if joint.nv == 6 else joint.nv), to + joint.nv
         if count := (wheels or {}).get(index, 0):
             speeds[index] = velocity[to : to + count]

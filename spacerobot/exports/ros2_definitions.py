@@ -1,4 +1,4 @@
-"""Definitions of ROS 2's messages, as their packages state them (comments left out)."""
+"""Definitions of ROS 2 messages, copied from their packages without comments."""
 
 from __future__ import annotations
 
@@ -31,24 +31,25 @@ DEFINITIONS = {
     "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\n"
     "uint32 line",
 }
-"""Fields by type; a type of the same package has no package in front."""
+"""Fields by message type; types of the same package are named without the package."""
 SEPARATOR = "=" * 80
 
 
 def definition_text(name: str) -> str:
-    """Definition of a type and of those that it holds, as MCAP's encoding ``ros2msg`` has it.
+    """Definition of a message type and of all types in it, in MCAP's encoding ``ros2msg``.
 
     Args:
-        name: Type without ``msg``: ``sensor_msgs/JointState``.
+        name: Type without ``msg``, such as ``sensor_msgs/JointState``.
     """
     names = [name]
     for one in names:
-        names += [held for held in _held_types(one) if held not in names]
-    parts = [DEFINITIONS[name], *(f"MSG: {held}\n{DEFINITIONS[held]}" for held in names[1:])]
+        names += [nested for nested in _field_types(one) if nested not in names]
+    parts = [DEFINITIONS[name], *(f"MSG: {nested}\n{DEFINITIONS[nested]}" for nested in names[1:])]
     return f"\n{SEPARATOR}\n".join(parts)
 
 
-def _held_types(name: str) -> Iterator[str]:
+def _field_types(name: str) -> Iterator[str]:
+    """Iterate over the message types of a message's fields."""
     package = name.partition("/")[0]
     for line in DEFINITIONS[name].splitlines():
         kind = line.split()[0].partition("[")[0]

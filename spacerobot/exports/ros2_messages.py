@@ -1,4 +1,4 @@
-"""A result as messages of ROS 2 in a bag: what ``ros2 bag play`` needs to show it in RViz.
+"""Messages of a result in a ROS 2 bag, which ``ros2 bag play`` replays for RViz.
 
 =============================  =====================================  ========================================
 topic                          type                                   content
@@ -41,14 +41,17 @@ LATCHED = """- history: 1
   liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
   avoid_ros_namespace_conventions: false
 """
-"""Quality of service by which a node that starts later gets the last message of a topic: keep last, reliable,
-transient local. In numbers, which every version of rosbag2 reads from a file whose metadata record
-``rosbag2`` states no version; later ones would expect names without that record."""
+"""Quality of service (keep last, reliable, transient local) by which late subscribers receive the last
+message.
+
+Numbers are used instead of names: every version of rosbag2 reads them if the file's metadata record
+``rosbag2`` has no version; without that record, newer versions expect names.
+"""
 INFO, WARN = 20, 30
 
 
 class Ros2Channels:
-    """Channels of a bag by topic, each registered with its first message."""
+    """Channels of a bag by topic; a channel is registered with its first message."""
 
     def __init__(self, writer: Any, clock: Callable[[float], int]) -> None:
         self._writer, self._clock = writer, clock
@@ -63,7 +66,15 @@ class Ros2Channels:
         time_s: float,
         metadata: Mapping[str, str] | None = None,
     ) -> None:
-        """Add a message at a time of the simulation [s]."""
+        """Add a message to a topic at a simulation time [s].
+
+        Args:
+            topic: Name of the topic.
+            kind: Message type without ``msg``, such as ``sensor_msgs/JointState``.
+            message: Fields of the message.
+            time_s: Simulation time [s].
+            metadata: Metadata of the channel.
+        """
         package, name = kind.split("/")
         if kind not in self._schemas:
             full, text = f"{package}/msg/{name}", definition_text(kind)
@@ -76,12 +87,12 @@ class Ros2Channels:
         self._writer.add_message(self._ids[topic], stamp, encode(message), stamp)
 
     def stamp(self, time_s: float) -> Message:
-        """Time stamp of a time of the simulation [s]."""
+        """Time stamp of a simulation time [s]."""
         seconds, nanoseconds = divmod(self._clock(time_s), 10**9)
         return {"sec": seconds, "nanosec": nanoseconds}
 
     def header(self, time_s: float, frame: str) -> Message:
-        """Header with a time of the simulation [s] and a frame."""
+        """Header with a simulation time [s] and a frame."""
         return {"stamp": self.stamp(time_s), "frame_id": frame}
 
 
@@ -90,11 +101,11 @@ def write_messages(result: Result, writer: Any, clock: Callable[[float], int]) -
 
     Args:
         result: The result.
-        writer: ``mcap.writer.Writer`` that is started.
-        clock: From a time of the simulation [s] to that of the bag [ns since 1970].
+        writer: Started ``mcap.writer.Writer``.
+        clock: Function from simulation time [s] to time in the bag [ns since 1970].
 
     Raises:
-        SpaceRobotError: If a package is missing.
+        SpaceRobotError: If an optional package is missing.
     """
     channels, scene, times = Ros2Channels(writer, clock), result.scene(), result.array("time").tolist()
     writer.add_metadata("rosbag2", {"writer": "spacerobot"})
@@ -128,7 +139,7 @@ def write_messages(result: Result, writer: Any, clock: Callable[[float], int]) -
 
 
 def _write_motion(channels: Ros2Channels, result: Result, scene: Scene) -> None:
-    """Transforms, joint states, odometry and wrenches of all samples."""
+    """Write transforms, joint states, odometry and wrenches of all samples."""
     links = link_motions(scene, result.array("q"))
     data, v, names = result.data, result.array("v"), [str(name) for name in result.array("joint")]
     rows = [result.array(key).tolist() for key in ("joint_position", "joint_velocity", "joint_torque")]
@@ -156,7 +167,7 @@ def _write_motion(channels: Ros2Channels, result: Result, scene: Scene) -> None:
         for body, link in floating:
             joint = scene.model.joints[body.root_joint]
             rate = v[i, joint.idx_v : joint.idx_v + joint.nv]
-            # a planar base has velocities along its x and y and about its z
+            # the velocity of a planar base has components along x and y and about z
             twist = rate if joint.nv == 6 else np.array([rate[0], rate[1], 0, 0, 0, rate[2]])
             odometry = {
                 "header": channels.header(time, WORLD),
@@ -178,20 +189,20 @@ def _write_motion(channels: Ros2Channels, result: Result, scene: Scene) -> None:
 
 
 def xyz(values: Any) -> Message:
-    """A vector (3,) as the fields of a message."""
+    """Message fields of a vector (3,)."""
     return dict(zip("xyz", map(float, values), strict=True))
 
 
 def xyzw(values: Any) -> Message:
-    """A quaternion (4,) as the fields of a message."""
+    """Message fields of a quaternion (4,)."""
     return dict(zip("xyzw", map(float, values), strict=True))
 
 
 def scene_urdf(scene: Scene) -> str:
-    """One URDF of all bodies of a scene, on floating or fixed joints from the link ``world``.
+    """URDF of all bodies of a scene, connected to the link ``world`` by floating or fixed joints.
 
-    Links and joints are named as in the model, ``servicer/left_link_1``. Masses are those of the scenario.
-    Meshes are named by ``file://`` and their absolute path, as RViz reads them.
+    Names of links and joints are those of the model, such as ``servicer/left_link_1``. Mass properties are
+    those of the scenario. Meshes have ``file://`` addresses, which RViz reads.
     """
     from scipy.spatial.transform import Rotation
 
@@ -212,7 +223,7 @@ def scene_urdf(scene: Scene) -> str:
             etree.SubElement(joint, "origin", origin)
     for shape in [*robot.iter("collision"), *robot.iter("visual")]:
         mesh = shape.find("geometry/mesh")
-        if mesh is not None and mesh.get("filename") == "None":  # hull of points, which no file holds
+        if mesh is not None and mesh.get("filename") == "None":  # convex hull of points, without a file
             shape.getparent().remove(shape)
         elif mesh is not None:
             mesh.set("filename", f"file://{mesh.get('filename')}")
@@ -220,7 +231,7 @@ def scene_urdf(scene: Scene) -> str:
 
 
 def _set_inertial(link: Any, config: Any) -> None:
-    """Mass properties of a link from the scenario, which may differ from those of its URDF."""
+    """Replace the mass properties of a link by those of the scenario."""
     for old in link.findall("inertial"):
         link.remove(old)
     if config is None or not config.mass:

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScalarSignal:
-    """One scalar over time.
+    """Scalar signal over time.
 
     Attributes:
-        variable: Name of the variable in the data, ``tip_error``.
-        labels: Label in each further dimension, ``("rpr1/tip", "x")``.
-        unit: Unit, ``m``; ``1`` for a pure number.
+        variable: Name of the variable in the dataset, such as ``tip_error``.
+        labels: Label in each dimension after time, such as ``("rpr1/tip", "x")``.
+        unit: Unit, such as ``m``; ``1`` for a dimensionless signal.
         text: Description.
-        values: (nt,)
+        values: Samples (nt,).
     """
 
     variable: str
@@ -35,21 +35,22 @@ class ScalarSignal:
 
     @property
     def name(self) -> str:
-        """Variable and labels: ``tip_error[rpr1/tip,x]``."""
+        """Name of the signal: variable and labels, such as ``tip_error[rpr1/tip,x]``."""
         return f"{self.variable}[{','.join(self.labels)}]" if self.labels else self.variable
 
 
 def time_variables(data: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
-    """Numeric variables over time by name, time as the first dimension."""
+    """Iterate over names and values of the numeric variables over time, with time as the first dimension."""
     for name, variable in data.data_vars.items():
         if "time" in variable.dims and variable.dtype.kind in "fiub":
             yield str(name), variable.transpose("time", ...)
 
 
 def signals(data: xr.Dataset) -> Iterator[ScalarSignal]:
-    """Every scalar of data over time, in the order of the data.
+    """Iterate over all scalar signals of a dataset, in its order.
 
-    The unit of a joint's signal is that of its kind: ``rad`` or ``m`` where the variable has both.
+    The unit of a joint's signal depends on the kind of the joint if the variable has units of both kinds,
+    such as ``rad or m``.
     """
     kinds = dict(zip(data.joint.values, data.joint_kind.values, strict=True)) if "joint_kind" in data else {}
     for name, variable in time_variables(data):

@@ -1,1 +1,1 @@
-"""Formats, one file each."""
+"""Export formats, one file each."""

@@ -1,4 +1,4 @@
-"""Flight code: the periodic laws of a scenario as C99."""
+"""Flight code: C99 of a scenario's periodic controllers, estimators and detections."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ControllerCode(ExportFormat):
     options: ClassVar[type[Section]] = ControllerCodeOptions
 
     def write(self, source: Scene, path: Path, options: ControllerCodeOptions) -> None:
-        """Write a folder; see :func:`spacerobot.flightcode.package.write_package`."""
+        """Write the folder of the flight code; see :func:`spacerobot.flightcode.package.write_package`."""
         from spacerobot.closedloop.loop_cache import cached_closed_loop
         from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
         from spacerobot.flightcode.extract import onboard_software

@@ -1,4 +1,4 @@
-"""Comma-separated values."""
+"""CSV: comma-separated values of all signals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spacerobot.result import Result
 
 @registered
 class Csv(ExportFormat):
-    """Every signal as a column."""
+    """Table with a column for each signal."""
 
     name: ClassVar[str] = "csv"
     place: ClassVar[float] = 10
@@ -24,7 +24,7 @@ class Csv(ExportFormat):
     takes: ClassVar[tuple[Source, ...]] = ("result", "plan")
 
     def write(self, source: Result | PlanResult, path: Path, options: NoOptions) -> None:
-        """Write one row a sample (RFC 4180), numbers with the digits that give the same number back."""
+        """Write a row for each sample (RFC 4180), with enough digits to reproduce every number."""
         del options
         columns = list(signals(source.data))
         with path.open("w", encoding="utf-8", newline="") as file:

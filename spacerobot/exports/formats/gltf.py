@@ -1,4 +1,4 @@
-"""glTF: the animation for Blender and viewers on the web."""
+"""glTF: animation for Blender and web viewers."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ FLOAT, UNSIGNED_INT = 5126, 5125
 ARRAY, ELEMENTS = 34962, 34963
 TRIANGLES, LINE_STRIP = 4, 3
 METALLIC = {"foil": (1.0, 0.35), "metal": (1.0, 0.3), "solar": (0.6, 0.25), "paint": (0.0, 0.7)}
-"""Metalness and roughness of finishes."""
+"""Metallic factor and roughness of each finish."""
 TRACK = np.array([0.1, 0.4, 0.9, 1.0])
-"""Colour of the tracks of tips."""
+"""Colour of the paths of tips."""
 
 
 @registered
 class Gltf(ExportFormat):
-    """Animation with meshes, materials and tracks."""
+    """Animation with meshes, materials and paths of tips."""
 
     name: ClassVar[str] = "gltf"
     place: ClassVar[float] = 40
@@ -35,16 +35,16 @@ class Gltf(ExportFormat):
     takes: ClassVar[tuple[Source, ...]] = ("result", "scene")
 
     def write(self, source: Result | Scene, path: Path, options: NoOptions) -> None:
-        """Write a binary file: a node for each link, in the tree of links, moved by one animation.
+        """Write a binary file with a tree of nodes, one for each link, and one animation.
 
-        glTF's y axis is up: the root node ``world`` turns z to it. Positions and times are in m and s, in
-        single precision. A scene is written without an animation.
+        The root node ``world`` rotates the z axis to glTF's vertical y axis. Positions [m] and times [s] have
+        single precision. A scene has no animation.
         """
         del options
         is_result = isinstance(source, Result)
         scene = source.scene() if isinstance(source, Result) else source
         time = source.array("time") if isinstance(source, Result) else np.zeros(1)
-        # of two samples at an event only the first is kept: times of keyframes increase, also when rounded
+        # keyframe times must increase in single precision: of the two samples at an event, the first is kept
         _, rows = np.unique(time.astype(np.float32), return_index=True)
         q = source.array("q")[rows] if isinstance(source, Result) else scene.q[None]
         builder = GltfBuilder()
@@ -65,7 +65,7 @@ class Gltf(ExportFormat):
 
 
 class GltfBuilder:
-    """Nodes, meshes and an animation over one buffer of bytes.
+    """Builder of a glTF file with nodes, meshes, an animation and one binary buffer.
 
     Raises:
         SpaceRobotError: If pygltflib is not installed.
@@ -79,7 +79,14 @@ class GltfBuilder:
         self._materials: dict[tuple[Any, ...], int] = {}
 
     def accessor(self, values: Any, kind: str, *, target: int | None = None, bounds: bool = False) -> int:
-        """Add numbers to the buffer: single precision, or indices of 32 bits."""
+        """Add numbers to the buffer and return the index of their accessor.
+
+        Args:
+            values: Numbers (n, ...), stored in single precision, or 32-bit indices.
+            kind: glTF type, such as ``VEC3``.
+            target: glTF target of the buffer view.
+            bounds: Whether to store minimum and maximum.
+        """
         library, array = self._library, np.asarray(values)
         array = np.ascontiguousarray(array, dtype="<u4" if array.dtype.kind in "iu" else "<f4")
         view = library.BufferView(
@@ -102,7 +109,7 @@ class GltfBuilder:
         return len(self._gltf.accessors) - 1
 
     def node(self, name: str, *, parent: int | None = None, **pose: Any) -> int:
-        """Add a node with a pose in its parent."""
+        """Add a node with a pose relative to its parent and return its index."""
         self._gltf.nodes.append(self._library.Node(name=name, children=[], **pose))
         index = len(self._gltf.nodes) - 1
         if parent is not None:
@@ -119,7 +126,7 @@ class GltfBuilder:
             mesh = shown_meshes([file])[file]
         else:
             mesh = surface(solid.geometry)
-        # every triangle has corners of its own, with its normal
+        # flat shading: triangles share no vertices, and each vertex has the normal of its triangle
         corners = mesh.vertices[mesh.triangles].reshape(-1, 3)
         edges = corners.reshape(-1, 3, 3)
         normals = np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0])
@@ -141,14 +148,14 @@ class GltfBuilder:
         self.node(name, parent=parent, translation=place, rotation=turn, mesh=index)
 
     def track(self, name: str, parent: int, points: Array) -> None:
-        """Add a line through points (n, 3) [m] to a node."""
+        """Add a polyline through points (n, 3) [m] to a node."""
         if len(points) > 1:
             attributes = {"POSITION": self.accessor(points, "VEC3", target=ARRAY, bounds=True)}
             index = self._mesh(name, attributes, LINE_STRIP, self._material(TRACK, "paint"))
             self.node(name, parent=parent, mesh=index)
 
     def channel(self, node: int, keys: int, path: str, values: Array) -> None:
-        """Animate a node's translation (n, 3) or rotation (n, 4) over the times of an accessor."""
+        """Animate the translation (n, 3) or rotation (n, 4) of a node at the times of an accessor."""
         output = self.accessor(values, "VEC3" if path == "translation" else "VEC4")
         sampler = self._library.AnimationSampler(input=keys, output=output, interpolation="LINEAR")
         self._animation.samplers.append(sampler)
@@ -157,7 +164,7 @@ class GltfBuilder:
         self._animation.channels.append(channel)
 
     def to_bytes(self, title: str) -> bytes:
-        """Binary glTF."""
+        """Content of the binary glTF file."""
         library, gltf = self._library, self._gltf
         gltf.asset = library.Asset(version="2.0", generator="spacerobot")
         gltf.scenes, gltf.scene = [library.Scene(name=title, nodes=[0])], 0
@@ -175,7 +182,7 @@ class GltfBuilder:
         return len(self._gltf.meshes) - 1
 
     def _material(self, rgba: Array, finish: str) -> int:
-        """Material of a colour and a finish, each once; colours of materials are linear."""
+        """Index of the material of an sRGB colour and a finish; glTF's colour factors are linear."""
         key = (*rgba.tolist(), finish)
         if key not in self._materials:
             metalness, roughness = METALLIC[finish]

@@ -1,4 +1,4 @@
-"""MATLAB's MAT-file."""
+"""MAT-file of MATLAB."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spacerobot.result import Result
 
 @registered
 class Mat(ExportFormat):
-    """Every variable as an array."""
+    """Arrays of all variables."""
 
     name: ClassVar[str] = "mat"
     place: ClassVar[float] = 11
@@ -25,10 +25,11 @@ class Mat(ExportFormat):
     takes: ClassVar[tuple[Source, ...]] = ("result", "plan")
 
     def write(self, source: Result | PlanResult, path: Path, options: NoOptions) -> None:
-        """Write ``time`` (nt x 1), each variable (nt x ...), and structures of what belongs to them.
+        """Write ``time`` (nt x 1), each variable (nt x ...), and structures with their attributes.
 
-        ``units``, ``descriptions`` and ``dimensions`` have a field for each variable, ``labels`` one for each
-        dimension, and ``events`` is an array of structures of time, kind and name.
+        The structures ``units``, ``descriptions`` and ``dimensions`` have a field for each variable,
+        ``labels`` one for each dimension. ``events`` is a structure array with the fields ``time_s``,
+        ``kind`` and ``who``.
         """
         from scipy.io import savemat
 
@@ -48,7 +49,7 @@ class Mat(ExportFormat):
             fields = [("time_s", object), ("kind", object), ("who", object)]
             rows = [(event["time_s"], event["kind"], event["who"]) for event in events]
             content["events"] = np.array(rows, dtype=fields)
-        # do_compression would depend on zlib's version; long_field_names allows 63 characters
+        # without compression, whose bytes depend on zlib's version; long_field_names allows 63 characters
         savemat(path, content, appendmat=False, long_field_names=True, oned_as="column")
 
 

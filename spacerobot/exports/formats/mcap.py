@@ -1,4 +1,4 @@
-"""MCAP: logs of robots, for Foxglove, Rerun and ROS 2."""
+"""MCAP: robot logs for Foxglove, Rerun and ROS 2."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class McapOptions(Section):
     start: datetime.datetime = Field(default=EPOCH, description="UTC time of the beginning, ISO 8601")
 
     def nanoseconds(self, time_s: float) -> int:
-        """Time since 1970 of a time of the simulation [ns]."""
+        """Log time [ns since 1970] of a simulation time [s]."""
         start = self.start if self.start.tzinfo else self.start.replace(tzinfo=datetime.UTC)
         return (start - EPOCH) // datetime.timedelta(microseconds=1) * 1000 + round(time_s * 1e9)
 
 
 @registered
 class Mcap(ExportFormat):
-    """Transforms, shapes, events and every signal."""
+    """Log of transforms, shapes, events and all signals."""
 
     name: ClassVar[str] = "mcap"
     place: ClassVar[float] = 20

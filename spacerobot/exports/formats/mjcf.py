@@ -1,4 +1,4 @@
-"""MJCF: MuJoCo's description of a scene."""
+"""MJCF: a scene in MuJoCo's format."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from spacerobot.scene import Scene
 from spacerobot.scene.scene import SceneShape
 
 UNTOUCHED = 'contype="0" conaffinity="0"'
-"""Attributes of geometries that touch nothing but what a pair names."""
+"""Attributes of geometries that collide only within explicit pairs."""
 SMALLEST_INERTIA = 1e-15
-"""Smallest principal moment of inertia that MuJoCo accepts [kg m^2]."""
+"""Minimum principal inertia in MuJoCo [kg m^2]."""
 PLATE = (5.0, 5.0, 0.05)
-"""Half edges of the plate that stands for a half-space [m]."""
+"""Half edges of the plate that replaces a half-space [m]."""
 
 
 class MjcfOptions(Section):
@@ -36,7 +36,7 @@ class MjcfOptions(Section):
 
 @registered
 class Mjcf(ExportFormat):
-    """Bodies, joints, grasps, contacts and motors."""
+    """Bodies, joints, grasps, contacts and motors of a scene."""
 
     name: ClassVar[str] = "mjcf"
     place: ClassVar[float] = 30
@@ -46,7 +46,7 @@ class Mjcf(ExportFormat):
     options: ClassVar[type[Section]] = MjcfOptions
 
     def write(self, source: Scene, path: Path, options: MjcfOptions) -> None:
-        """Write one file; its keyframe ``initial`` is the initial state."""
+        """Write a file whose keyframe ``initial`` is the initial state."""
         text = scene_mjcf(source, visuals=options.visuals)
         tree = etree.fromstring(text.encode())
         etree.indent(tree)
@@ -54,18 +54,19 @@ class Mjcf(ExportFormat):
 
 
 def scene_mjcf(scene: Scene, *, visuals: bool = True) -> str:
-    """MuJoCo's description of a scene.
+    """MJCF of a scene.
 
-    Grasps are ``weld`` (or ``connect`` where the orientation is free) equality constraints between sites,
-    active if they begin closed; contacts are ``pair`` of the shapes that may touch; each driven joint has a
-    motor with the joint's torque limit; joints that mimic others have ``joint`` equality constraints.
+    Grasps are equality constraints between sites: ``weld``, or ``connect`` if the orientation is free. They
+        are
+    active if the grasp begins closed. Contacts are ``pair`` elements of geometries. Driven joints have motors
+    with the joints' torque limits. Mimic joints are ``joint`` equality constraints.
 
     Args:
         scene: The scene.
-        visuals: Whether shapes that are only seen are written too.
+        visuals: Whether to include visual shapes.
 
     Raises:
-        SpaceRobotError: If a body has no inertia about an axis, as segments of flexible links.
+        SpaceRobotError: If a body has no inertia about some axis, as segments of flexible links do.
     """
     joints = range(1, scene.model.njoints)
     inertias = {scene.model.names[k]: scene.model.inertias[k].inertia for k in joints}
@@ -106,7 +107,7 @@ def scene_mjcf(scene: Scene, *, visuals: bool = True) -> str:
 
 
 def scene_wheels(scene: Scene) -> tuple[Wheels, dict[int, Array]]:
-    """Wheels of all bases, and their speeds, by the joint of the base."""
+    """Wheels of all floating bases in space, and their speeds [rad/s], by the joint of the base."""
     wheels, speeds = dict[int, tuple[Array, float]](), dict[int, Array]()
     for body in scene.robots:
         for actuator in body.config.actuators.values():  # type: ignore[union-attr]
@@ -118,7 +119,7 @@ def scene_wheels(scene: Scene) -> tuple[Wheels, dict[int, Array]]:
 
 
 def _joint_attributes(scene: Scene) -> dict[int, str]:
-    """Range of joints, and stiffness of those of flexible links."""
+    """MJCF attributes of joints: range, and stiffness of flexible links' joints."""
     attributes = dict[int, str]()
     for body in scene.bodies:
         springs = body.spring_constants
@@ -136,7 +137,7 @@ def _joint_attributes(scene: Scene) -> dict[int, str]:
 
 
 def _actuators(scene: Scene, wheels: Wheels) -> str:
-    """A motor for each driven joint, of the joint's name and torque limit, and for each wheel."""
+    """MJCF of the motors of driven joints, with names and torque limits of the joints, and of wheels."""
     text = ""
     for body in scene.bodies:
         for joint in body.driven_joints:
@@ -154,10 +155,10 @@ def _actuators(scene: Scene, wheels: Wheels) -> str:
 
 
 def _grasps(scene: Scene, inside: dict[int, list[str]]) -> str:
-    """Constraints of grasps; their sites are added to the bodies.
+    """MJCF of the constraints of grasps; the sites are added to ``inside``.
 
-    A closed grasp keeps the pose at the start: the site on the target is where the tip begins. That of an
-    open one is the mating frame.
+    The site on the target is the mating frame for an open grasp. For a closed one it is the initial pose of
+    the tip, so that the constraint preserves the initial relative pose.
     """
     data, text = scene.model.createData(), ""
     pin.framesForwardKinematics(scene.model, data, scene.q)
@@ -181,7 +182,7 @@ def _grasps(scene: Scene, inside: dict[int, list[str]]) -> str:
 
 
 def _contacts(scene: Scene, inside: dict[int, list[str]]) -> str:
-    """Pairs of geometries that may touch; the geometries are added to the bodies."""
+    """MJCF of pairs of geometries in contacts; the geometries are added to ``inside``."""
     text, names = "", dict[SceneShape, str]()
     for contact in scene.contacts:
         friction = getattr(contact.config, "friction", None) or 0.0
@@ -201,29 +202,29 @@ def _contacts(scene: Scene, inside: dict[int, list[str]]) -> str:
 
 
 def _geometry(shape: SceneShape, name: str) -> str:
-    """A shape as MuJoCo's geometry, in the frame of its joint."""
+    """MJCF geometry of a contact shape in the frame of its joint."""
     placement = pin.SE3(shape.placement)
     config: Any = shape.config
     if config.is_halfspace:
-        # MuJoCo's planes belong to the world: a plate below the plane, which may move with a body
+        # MuJoCo's planes are fixed to the world; a plate below the plane can move with a body
         placement = placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, -PLATE[2]]))
         size = f'type="box" size="{numbers(PLATE)}"'
     else:
         first, *ends = config.drawing(1.0)
         size = _primitive(first.geometry.kind, first.geometry.size)
-        if ends:  # a cylinder with a ball at each end
+        if ends:  # a cylinder with two spheres is a capsule
             size = size.replace("cylinder", "capsule")
     return f'<geom name={quoteattr(name)} {size} {pose(placement)} {UNTOUCHED} group="3"/>'
 
 
 def _primitive(kind: str, size: Array) -> str:
-    """Type and size of a box, a cylinder or a sphere: MuJoCo counts half lengths."""
+    """MJCF type and size of a box, cylinder or sphere, with half lengths."""
     halves = size / 2 if kind == "box" else [size[0], *(length / 2 for length in size[1:])]
     return f'type="{kind}" size="{numbers(halves)}"'
 
 
 def _visuals(scene: Scene, inside: dict[int, list[str]]) -> str:
-    """Shapes that are seen, added to the bodies; assets of their meshes."""
+    """MJCF of the assets of meshes; the visual shapes are added to ``inside``."""
     from viz.drawing.meshes import mesh_file, shown_meshes
     from viz.drawing.motion import scene_nodes
 
@@ -232,7 +233,7 @@ def _visuals(scene: Scene, inside: dict[int, list[str]]) -> str:
     meshes, assets = shown_meshes(files), ""
     for k, mesh in enumerate(meshes.values()):
         corners, faces = numbers(mesh.vertices.astype("f4")), " ".join(map(str, mesh.triangles.ravel()))
-        # an inertia of a surface exists also where the mesh is not closed
+        # a shell has an inertia even if the mesh is not closed
         assets += f'<mesh name="mesh_{k}" inertia="shell" vertex="{corners}" face="{faces}"/>'
     places = {file: k for k, file in enumerate(meshes)}
     for node in nodes:

@@ -1,4 +1,4 @@
-"""Plans as tables: CSV, and C arrays with the follower."""
+"""Tables of plans: CSV, and C arrays with a plan follower."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spacerobot.exports.formats.csv import Csv
 
 @registered
 class PlanTable(ExportFormat):
-    """Times, positions, rates, torques and wrenches of a plan."""
+    """Tables of a plan's times, positions, rates, torques and wrenches."""
 
     name: ClassVar[str] = "plan"
     place: ClassVar[float] = 61

@@ -1,4 +1,4 @@
-"""Functional mock-up unit."""
+"""FMU: functional mock-up unit of a scene."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PlantOptions(Section):
 
 @registered
 class PlantFmu(ExportFormat):
-    """Plant with its events for co-simulation."""
+    """FMU of the plant, including its events, for co-simulation."""
 
     name: ClassVar[str] = "plant"
     place: ClassVar[float] = 30
@@ -39,5 +39,5 @@ class PlantFmu(ExportFormat):
     options: ClassVar[type[Section]] = PlantOptions
 
     def write(self, source: Scene, path: Path, options: PlantOptions) -> None:
-        """Write the unit, which is compiled first."""
+        """Compile and write the FMU."""
         path.write_bytes(build_fmu(source, fmi=options.fmi, is_open=options.open, vary=options.vary))
