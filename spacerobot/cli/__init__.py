@@ -1,1 +1,1 @@
-"""The command line: the top layer, which prints what the library returns."""
+"""Command line: the top layer, which prints the library's results."""

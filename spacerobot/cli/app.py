@@ -1,6 +1,6 @@
 """Entry point of the command line.
 
-Each command lives in a module of its own and imports what it needs when it runs, so that help is instant.
+Each command is in a separate module and imports its packages when it runs, so that help is shown at once.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _options(
 
 
 def application() -> typer.Typer:
-    """All commands."""
+    """Typer application with all commands."""
     app = typer.Typer(
         name="spacerobot",
         help="Robot arms on floating bases that capture and carry an object: simulate, tune, plan, show.",
@@ -76,12 +76,12 @@ app = application()
 
 @functools.cache
 def command_line() -> Any:
-    """All commands, put together at the first call."""
+    """Click group of all commands, built at the first call."""
     return escaped(typer.main.get_command(app))
 
 
 def escaped(command: Any) -> Any:
-    """A command and those below it: every ``[m]`` in their help is literal, every paragraph one line."""
+    """Escape the help texts of a command and its subcommands, so that ``[m]`` is not markup."""
     if command.help:
         command.help = help_markup(command.help)
     for option in command.params:
@@ -94,10 +94,10 @@ def escaped(command: Any) -> Any:
 
 
 def help_markup(text: str) -> str:
-    """Markup of a command's help: paragraphs as one line each, which wraps; examples as lines to be copied.
+    """Markup of a command's help: paragraphs in single lines, which wrap, and examples to be copied.
 
-    An example wider than the terminal goes on in the next line after a backslash, as shells read it. Its
-    indentation follows a tag: Typer removes what all lines begin with.
+    An example wider than the terminal is continued after a backslash. Its indentation follows a tag, since
+    Typer removes common indentation.
     """
     width = max(Console().width, LEAST_WIDTH) - 2 * EXAMPLE_INDENT
     paragraphs = []
@@ -118,9 +118,9 @@ def help_markup(text: str) -> str:
 
 
 def plugins_first(arguments: Sequence[str]) -> list[str]:
-    """Arguments with every ``--plugin FILE`` in front of the command, where it is an option of the whole.
+    """Arguments with all options ``--plugin FILE`` moved before the command, where they are global.
 
-    A command that has an option ``--plugin`` itself, as ``new``, gets those that follow it.
+    Options after a command with an own ``--plugin``, such as ``new``, are not moved.
     """
     front: list[str] = []
     rest: list[str] = []
@@ -150,7 +150,7 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """One line for a warning of ours, Python's own form for others."""
+    """Print a ``SpaceRobotWarning`` in one line, and other warnings in Python's form."""
     if issubclass(category, SpaceRobotWarning):
         warn(str(message))
     else:
@@ -158,7 +158,7 @@ def _show_warning(
 
 
 def main() -> None:
-    """Run the command line: one clear line for each fault a user can mend, and its exit code."""
+    """Run the command line; an error that the user can correct ends it with one line and an exit code."""
     warnings.showwarning = _show_warning
     try:
         with minded():

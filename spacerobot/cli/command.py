@@ -1,4 +1,4 @@
-"""A command of the command line."""
+"""Commands of the command line and their registration."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Command:
     """A command, or a group of commands.
 
     Attributes:
-        name: Behind ``spacerobot``.
-        join: Adds it to an application.
-        place: Its place in the help, within its group.
+        name: Name after ``spacerobot``.
+        join: Function that adds the command to an application.
+        place: Position in the help, within the group.
         group: Group of the help, one of :data:`GROUPS`.
     """
 
@@ -39,21 +39,21 @@ class Command:
     def of(cls, name: str, place: float = 100.0, group: str = PLUGIN) -> Callable[[Function], Function]:
         """Decorator that registers a function as a command.
 
-        Its parameters are arguments and options, as Typer reads them; its docstring is the help: paragraphs,
-        of which an indented one is an example.
+        Typer derives arguments and options from the function's parameters. The docstring is the help;
+        indented paragraphs are examples.
 
         Args:
-            name: Behind ``spacerobot``.
-            place: Its place in the help, within its group.
+            name: Name after ``spacerobot``.
+            place: Position in the help, within the group.
             group: Group of the help, one of :data:`GROUPS`.
         """
 
         def join(function: Function, app: typer.Typer) -> Any:
-            """Add it under the heading of its group."""
+            """Add the command under the heading of its group."""
             return app.command(name, rich_help_panel=group)(function)
 
         def add(function: Function) -> Function:
-            """Register it under its module."""
+            """Register the function as a command of its module."""
             COMMANDS.add(cls(name, partial(join, function), place, group), function.__module__)
             return function
 

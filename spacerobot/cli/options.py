@@ -9,10 +9,10 @@ import typer
 
 
 def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
-    """Pairs of dotted path and value from ``path=value`` texts.
+    """Parse texts ``path=value`` to pairs of dotted path and value.
 
     Raises:
-        ScenarioError: If one has no ``=``, or its value is not YAML.
+        ScenarioError: If a text has no ``=``, or its value is not YAML.
     """
     from spacerobot.common.errors import ScenarioError
     from spacerobot.scenario.document import parse_yaml
@@ -27,7 +27,7 @@ def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
 
 
 def readable_changes(texts: list[str] | None) -> list[str] | None:
-    """Texts ``path=value`` that can be read, checked before a command imports anything.
+    """Check that texts ``path=value`` can be parsed, before a command imports packages.
 
     Raises:
         ScenarioError: As :func:`parse_changes`.
@@ -37,10 +37,10 @@ def readable_changes(texts: list[str] | None) -> list[str] | None:
 
 
 def existing_scenario(name: str) -> str:
-    """Name of a scenario that is there, checked before a command imports anything.
+    """Check that a scenario exists, before a command imports packages.
 
     Raises:
-        ScenarioError: If it is no file and no shipped scenario.
+        ScenarioError: If the name is neither a file nor a shipped scenario.
     """
     from spacerobot.scenario.catalogue import find_scenario
 

@@ -22,25 +22,25 @@ from spacerobot.common.tables import Content, Tabular, Tree
 
 PLAIN_WIDTH = 140
 LEAST_WIDTH = 20
-"""Columns that every text is given, however narrow the terminal says it is."""
+"""Minimum width of texts, in columns, even if the terminal reports less."""
 
 
 class _Console(Console):
-    """Console that leaves a closed pipe (``| head``) to the command line, instead of exiting with 1."""
+    """Console that raises ``BrokenPipeError`` for a closed pipe (``| head``), instead of exiting with 1."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
 
 
 def console() -> Console:
-    """Console for results, as wide as ``COLUMNS`` says, else as the terminal, else long enough for tables."""
+    """Console for results with the width of ``COLUMNS``, of the terminal, or else :data:`PLAIN_WIDTH`."""
     columns = os.environ.get("COLUMNS", "")
     width = max(int(columns), LEAST_WIDTH) if columns.isdecimal() and int(columns) else None
     return _Console(highlight=False, width=width or (None if sys.stdout.isatty() else PLAIN_WIDTH))
 
 
 def print_error(message: str) -> None:
-    """One line on stderr, never wrapped, whatever it holds."""
+    """Print an error on stderr in one line, without wrapping."""
     line = " ".join(message.split())
     Console(stderr=True, highlight=False, soft_wrap=True).print(
         Text("error: ", style="bold red") + Text(line)
@@ -48,7 +48,7 @@ def print_error(message: str) -> None:
 
 
 def warn(message: str) -> None:
-    """One line on stderr for a warning."""
+    """Print a warning on stderr in one line, without wrapping."""
     line = " ".join(message.split())
     Console(stderr=True, highlight=False, soft_wrap=True).print(
         Text("warning: ", style="yellow") + Text(line)
@@ -57,7 +57,14 @@ def warn(message: str) -> None:
 
 @contextlib.contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
-    """Spinner on stderr that says what is being done and compiled; silent where stderr is no terminal."""
+    """Show a spinner with the present step and compilations on stderr, if stderr is a terminal.
+
+    Args:
+        first: Text of the first step.
+
+    Yields:
+        Function that shows another text.
+    """
     text = first
 
     def say(words: str) -> None:
@@ -74,7 +81,7 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
 
 
 def prose(text: str, indent: int = 0) -> None:
-    """Text taken literally and broken between words, further lines indented by two more columns."""
+    """Print a text without markup, wrapped between words, with a hanging indent of two columns."""
     lines = textwrap.wrap(
         text, console().width - indent, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
@@ -82,13 +89,14 @@ def prose(text: str, indent: int = 0) -> None:
 
 
 LEAST_PROSE = (16, 12, 9)
-"""Columns that a long text keeps in a narrow table: the most with which all columns fit, else the first."""
+"""Minimum widths of long texts in a narrow table. The first one is used with which all columns fit, or else
+the first of all."""
 GAP = 3
-"""Columns that a table needs beside each of its columns: padding on both sides and a separator."""
+"""Width of padding and separator for each column of a table."""
 
 
 def show(content: Tabular | Iterable[Content]) -> None:
-    """Print tables and sentences, and the warnings about what is presented."""
+    """Print tables and sentences, after the warnings of a result."""
     if isinstance(content, Tabular):
         for text in content.notices():
             warn(text)
@@ -109,7 +117,7 @@ def show(content: Tabular | Iterable[Content]) -> None:
 
 
 def tree(content: Tree) -> RichTree:
-    """Tree whose names are bold."""
+    """Rich tree with bold names."""
     rich_tree = RichTree(f"[bold]{escape(content.name)}[/] {escape(content.text)}".strip())
     for branch in content.branches:
         rich_tree.add(escape(branch) if isinstance(branch, str) else tree(branch))
@@ -119,22 +127,22 @@ def tree(content: Tree) -> RichTree:
 def table(
     title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1
 ) -> TextTable:
-    """Table of literal texts; the first ``keys`` columns name a row, and are repeated where it is cut."""
+    """Table of texts without markup; the first ``keys`` columns are repeated in every block."""
     return TextTable(title, headings, rows, keys)
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Table of literal texts that shows every column at every width.
+    """Table of texts without markup, which shows every column at any width.
 
-    Texts wrap between words. Where the columns do not fit side by side even so, the table is printed in
-    blocks below one another, each of which begins with the first columns.
+    Texts wrap between words. If the columns still do not fit, the table is printed in several blocks, each of
+    which begins with the first columns.
 
     Attributes:
-        title: Printed above it, if any.
-        headings: One for each column.
-        rows: As many cells each.
-        keys: How many of the first columns name a row; every block begins with them.
+        title: Title above the table, or None.
+        headings: Heading of each column.
+        rows: Cells of each row.
+        keys: Number of the first columns that identify a row and begin every block.
     """
 
     title: str | None
@@ -143,12 +151,12 @@ class TextTable:
     keys: int = 1
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield its blocks."""
+        """Yield the blocks of the table as Rich tables."""
         columns = list(zip(self.headings, *self.rows, strict=True))
         layouts = []
         for prose in LEAST_PROSE:
             bounds = [_bounds(column, prose) for column in columns]
-            # places of the columns of each block, from the least width of each column
+            # indices of the columns in each block, by their minimum widths
             blocks = [list(range(self.keys))]
             for place in range(self.keys, len(bounds)):
                 least = sum(bounds[other][0] + GAP for other in (*blocks[-1], place))
@@ -174,7 +182,7 @@ class TextTable:
 
 
 def pairs(title: str | None, rows: Sequence[Sequence[str]]) -> RichTable:
-    """Two columns without a heading: names and values."""
+    """Rich table of two columns without headings: names and values."""
     rich_table = RichTable(
         title=escape(title) if title else None,
         title_justify="left",
@@ -192,9 +200,10 @@ def pairs(title: str | None, rows: Sequence[Sequence[str]]) -> RichTable:
 
 
 def _bounds(column: Sequence[str], prose: int = LEAST_PROSE[0]) -> tuple[int, int, int]:
-    """Widths of a heading and its cells: the least, that of the cells' longest line, that of all.
+    """Widths of a column: the minimum, that of the longest line in cells, and that of the longest line of
+    all.
 
-    The least breaks no word, and leaves the cells' longer texts some columns to wrap in.
+    The minimum breaks no word, and leaves long texts in cells a width of ``prose`` to wrap in.
     """
     word = max(cell_len(word) for text in column for word in (text.split() or [""]))
     lines = [max(map(cell_len, text.splitlines() or [""])) for text in column]
@@ -203,9 +212,11 @@ def _bounds(column: Sequence[str], prose: int = LEAST_PROSE[0]) -> tuple[int, in
 
 
 def _shared(bounds: Sequence[tuple[int, int, int]], room: int) -> list[int]:
-    """Width of each column: what its cells need, then its heading, up to one limit for all that fits.
+    """Widths of columns in a limited room.
 
-    A word that is wider than all the room is folded.
+    From their minimum widths, columns grow up to a common limit: first to the width of their cells, then to
+        that
+    of their headings, as long as the sum fits. If the minimum widths do not fit, the widest columns shrink.
     """
     widths = [least for least, _, _ in bounds]
     for kind in (1, 2):

@@ -1,8 +1,8 @@
-"""Plugins of results, plans and campaigns: found by the name and hash that a folder keeps, run once allowed.
+"""Loading of the plugins that results, plans and campaigns were made with, after permission.
 
-A plugin is Python code, so a folder that somebody sent must not have it run unasked. What is given by
-``--plugin`` is allowed, and what the user's list of trusted plugins names by its hash; else the user is asked
-where there is a terminal.
+A folder has the names and hashes of its plugins. Since a plugin is Python code, it must not run without
+permission, for the folder may come from somebody else. Plugins are permitted by ``--plugin``, by the user's
+list of trusted hashes, or by an answer in the terminal.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ KEPT_IN = ("summary.json", "plan.json", "campaign.json")
 
 
 def load_plugins_of(folders: Iterable[Path]) -> None:
-    """Run the plugins that results, plans and campaigns in folders were made with, those that are allowed.
+    """Run the plugins with which the results, plans and campaigns in folders were made.
 
     Raises:
-        ResultError: If a folder is missing; if a plugin is not found as it was, or not allowed; says how to
-            allow it.
+        ResultError: If a folder is missing, or a plugin is missing, changed or not permitted; the message
+            states how to permit it.
     """
     folders = list(folders)
     for folder in folders:
@@ -36,14 +36,14 @@ def load_plugins_of(folders: Iterable[Path]) -> None:
             raise ResultError(
                 "is a file, not a folder" if folder.exists() else "no such folder", source=folder
             )
-    for folder, record in _kept(folders):
+    for folder, record in _records(folders):
         from spacerobot.elements import load_plugin
         from spacerobot.elements.core.registry import plugin_records
 
         loaded = plugin_records()
         if any(one["sha256"] == record["sha256"] or _name(one) == _name(record) for one in loaded):
             continue
-        path = _found(folder, record)
+        path = _file_of(folder, record)
         if not _is_allowed(folder, path, record["sha256"]):
             raise ResultError(
                 f"made with the plugin {path}, which is code that would be run; allow it by --plugin {path}, "
@@ -54,13 +54,16 @@ def load_plugins_of(folders: Iterable[Path]) -> None:
 
 
 def trusted_list() -> Path:
-    """The user's list of trusted plugins, whether or not it is there."""
+    """File with the hashes of the user's trusted plugins, which may not exist."""
     home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
     return Path(home) / TRUSTED
 
 
-def _kept(folders: Iterable[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
-    """Results' folders in folders, and what each keeps of a plugin; what is damaged is for who reads it."""
+def _records(folders: Iterable[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Iterate over the folders of results inside folders, and their records of plugins.
+
+    Damaged summaries are skipped; they are reported when the result is read.
+    """
     for folder in folders:
         depths = ("", "*/", "*/*/")
         for path in sorted({path for at in depths for name in KEPT_IN for path in folder.glob(at + name)}):
@@ -80,19 +83,23 @@ def _name(record: dict[str, str]) -> str:
     return Path(record["file"]).name
 
 
-def _found(folder: Path, record: dict[str, str]) -> Path:
-    """The plugin's file, where it was or beside the result, with the content that it had."""
+def _file_of(folder: Path, record: dict[str, str]) -> Path:
+    """File of a plugin with the recorded hash: at its recorded path, in or next to the folder, or in the cwd.
+
+    Raises:
+        ResultError: If there is no such file.
+    """
     places = [
         Path(record["file"]),
         folder / _name(record),
         folder.parent / _name(record),
         Path(_name(record)),
     ]
-    there = [place for place in places if place.is_file()]
-    for place in there:
+    files = [place for place in places if place.is_file()]
+    for place in files:
         if hashlib.sha256(place.read_bytes()).hexdigest() == record["sha256"]:
             return place
-    state = f"{there[0]} has changed since" if there else f"which is not at {record['file']} any more"
+    state = f"{files[0]} has changed since" if files else f"which is not at {record['file']} any more"
     raise ResultError(
         f"made with the plugin {_name(record)} (sha256 {record['sha256'][:12]}...); {state}; "
         "name the file by --plugin FILE",
@@ -101,7 +108,7 @@ def _found(folder: Path, record: dict[str, str]) -> Path:
 
 
 def _is_allowed(folder: Path, path: Path, sha256: str) -> bool:
-    """Whether the user's list names a hash, or the user says yes."""
+    """Whether the list of trusted plugins has a hash, or the user permits the plugin in the terminal."""
     import typer
 
     try:

@@ -8,7 +8,7 @@ from spacerobot.common.interrupts import INTERRUPTED, leave, minded
 
 
 def main() -> None:
-    """Load the command line and run it."""
+    """Load and run the command line."""
     # open a stream that was closed before (``>&-``), so that no file opened later takes its place
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:

@@ -1,4 +1,4 @@
-"""Options and progress messages shared by the tuning commands."""
+"""Options and progress messages of tuning commands."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ Seed = Annotated[
 
 
 def chosen_variables(text: str | None, tuning: Tuning) -> list[str] | None:
-    """Names of a set of the tuning section, or those between commas; None for all."""
+    """Names of variables: those of a set in the tuning section, or a list with commas; None for all."""
     return list(tuning.sets[text]) if text in tuning.sets else parts(text)
 
 
 def stop_if_interrupted(outcome: MethodOutcome) -> None:
-    """Exit with code 130 after Ctrl-C: the best so far was kept."""
+    """Print a warning and exit with code 130 if Ctrl-C interrupted the search."""
     if outcome.interrupted:
         warn("interrupted: the best so far is kept")
         raise typer.Exit(130)
@@ -56,7 +56,7 @@ def journals(out: Path | None, job: str) -> Path | None:
     """Folder of the journals of a job with an output folder.
 
     Raises:
-        ResultError: If the folder holds something else; see ``spacerobot.result.check_folder``.
+        ResultError: If the folder has other content; see ``spacerobot.result.check_folder``.
     """
     from spacerobot.result import JOURNALS, check_folder
 
@@ -67,13 +67,17 @@ def journals(out: Path | None, job: str) -> Path | None:
 
 
 def parts(text: str | None) -> list[str] | None:
-    """Names between commas."""
+    """Names in a list separated by commas; None if there is no list."""
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
 
 
 @contextmanager
 def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
-    """A spinner that says what is being done, how good the best is, and how long it may take yet."""
+    """Show a spinner with the present step and the progress of a search.
+
+    Yields:
+        Function that shows the text of a step, and callback for the progress of a search.
+    """
     with progress("reading") as tell:
         begun = [""]
 

@@ -1,1 +1,1 @@
-"""Commands, one in each file; the command line finds them here."""
+"""Commands of the command line, one file each."""

@@ -88,7 +88,7 @@ def command(
     with progress("reading") as tell:
 
         def report(now: CampaignProgress) -> None:
-            """State the progress; samples that are rolled out are kept."""
+            """Show the progress, and let Ctrl-C keep the finished samples."""
             keep(now.phase == ROLLING_OUT)
             tell(str(now))
 

@@ -149,14 +149,14 @@ NARROW = 96
 
 
 def show_comparison(data: Mapping[str, Any]) -> None:
-    """Print a comparison as wide as the terminal allows."""
+    """Print the tables of a comparison in the width of the terminal."""
     from optim.comparison.tables import comparison_content
 
     show(comparison_content(data, narrow=console().width < NARROW))
 
 
 def _refuse(kind: str, options: Mapping[str, object]) -> None:
-    """Refuse options that do not fit what is compared."""
+    """Reject options that do not apply to the comparison."""
     for name, value in options.items():
         if value:
             raise typer.BadParameter(f"does not go with a {kind}", param_hint=name)

@@ -72,7 +72,7 @@ COMMANDS.add(
 
 
 def _interpret(positional: Sequence[str], out: Path | None) -> tuple[str | None, str, Path]:
-    """Format, source and path of the words."""
+    """Format, source and output path from the positional words."""
     from spacerobot.common.errors import SpaceRobotError
 
     if out is not None and len(positional) in (1, 2):
@@ -89,7 +89,7 @@ def _interpret(positional: Sequence[str], out: Path | None) -> tuple[str | None,
 
 
 def _reject_missing(words: Sequence[str], out: Path | None) -> None:
-    """Refuse a source that is neither a folder nor a scenario, before the formats' libraries are loaded."""
+    """Check that the source is a folder or a scenario, before the libraries of the formats are loaded."""
     from spacerobot.common.errors import SpaceRobotError
     from spacerobot.common.registry import EXPORT_FORMATS
     from spacerobot.scenario.catalogue import find_scenario
@@ -114,7 +114,7 @@ def _reject_missing(words: Sequence[str], out: Path | None) -> None:
 
 
 def _parse(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
-    """Positional words, and options of formats: ``--name VALUE``, ``--name=VALUE``, ``--flag``."""
+    """Separate positional words from options of formats: ``--name VALUE``, ``--name=VALUE``, ``--flag``."""
     from spacerobot.common.registry import EXPORT_FORMATS
     from spacerobot.scenario.document import parse_yaml
 

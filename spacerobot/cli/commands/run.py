@@ -109,7 +109,7 @@ def run_scene(
         scene: The scene.
         out: Folder of the result.
         backend: As for :func:`spacerobot.simulate`.
-        watch: Callback for the words of the spinner.
+        watch: Callback with the texts of the spinner.
         controller: As for :func:`spacerobot.simulate`.
     """
     from spacerobot.result import check_folder
@@ -119,7 +119,7 @@ def run_scene(
     with progress("building the closed loop") as spin:
 
         def tell(words: str) -> None:
-            """Show what begins."""
+            """Show the text of a step that begins."""
             spin(words)
             if watch is not None:
                 watch(words)
@@ -129,10 +129,10 @@ def run_scene(
 
 
 def fail_if_diverged(result: Result) -> None:
-    """Report a diverged rollout and exit with code 3; warn where the ledger of another one is open.
+    """Raise an error for a diverged simulation, and print a warning if the ledger of a complete one is open.
 
     Raises:
-        DivergedError: If it diverged.
+        DivergedError: If the simulation diverged; the exit code is 3.
     """
     from spacerobot.common.errors import DivergedError
 
@@ -154,7 +154,7 @@ def fail_if_diverged(result: Result) -> None:
 
 
 def warn_if_open(result: Result) -> None:
-    """Warn of a result whose ledger is open."""
+    """Print a warning if the ledger of a result is open."""
     from spacerobot.result.trust import warning
 
     doubt = warning(result.summary["status"])
