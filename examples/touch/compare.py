@@ -70,7 +70,7 @@ def draws_without_overlap(samples):
 
 
 def main(samples: int = 16) -> None:
-    """Table of P(caged) with its Clopper-Pearson interval, peak force and time until the cage is closed."""
+    """Table of P(caged) with its Wilson interval, peak force and time until the cage is closed."""
     draws, rejected = draws_without_overlap(samples)
     spin, attitude, friction, x, y = draws.T
     values = {
@@ -101,7 +101,7 @@ def main(samples: int = 16) -> None:
     print("|---|---|---|---|---|---|---|---|---|")
     for name, peak in peaks.items():
         caged = binomtest(int(np.isfinite(times[name]).sum()), samples)
-        low, high = caged.proportion_ci(0.95)
+        low, high = caged.proportion_ci(0.95, "wilson")
         cells = [
             name,
             caged.k,

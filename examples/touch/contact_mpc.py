@@ -7,11 +7,14 @@ in the next period by a better one:
 
 $$ J = w_f \hat f + \frac{1}{T} \int_t^{t+T} c\,\mathrm{d}t + c(t + T), \qquad
    c = \sqrt{v^2 + (r \omega)^2} + w_g \sum_h \lvert d_h - d \rvert, \qquad
-   \hat f = \left( \frac{1}{\tau} \int_t^{t+T} \sum_h \lvert f_h \rvert^4\,\mathrm{d}t \right)^{1/4}, $$
+   \hat f = \left( \frac{1}{\tau} \int_0^{t+T} \sum_h \lvert f_h \rvert^4\,\mathrm{d}t \right)^{1/4}, $$
 
 with the velocity v and the spin of the body relative to the hands, distances $d_h$ of the hands from it, and
-forces $f_h$ on them; $\hat f$ is about the peak of a strike of length $\tau$. The candidates are drawn
-(random shooting); nothing is differentiated. The state is known exactly, the friction is assumed.
+forces $f_h$ on them; $\hat f$ is about the peak of the strongest strike, of length $\tau$. Its integral
+begins with the simulation: contacts that are gentler than an earlier strike do not raise the peak and cost
+nothing. If it began at t, every touch would have a price, and the hands would not push a slow body into the
+cage. The candidates are drawn (random shooting); nothing is differentiated. The state is known exactly, the
+friction is assumed.
 """
 
 from collections.abc import Collection
@@ -228,12 +231,9 @@ class ContactChoices:
             name: np.array([end[f"{key}_input_{name}"] for end in ends.inputs]).reshape(-1, count)
             for name in ("cost", "effort", "waited")
         }
-        started = {
-            name: np.array([np.ravel(plant.inputs[row].get(f"{key}_input_{name}", [0.0])) for row in rows])
-            for name in ("effort", "waited")
-        }
-        peak = FORCE_N * ((inputs["effort"] - started["effort"]).clip(0) / STRIKE_S) ** 0.25
-        waited = (inputs["waited"] - started["waited"]) / config.horizon
+        started = [np.ravel(plant.inputs[row].get(f"{key}_input_waited", [0.0])) for row in rows]
+        peak = FORCE_N * (inputs["effort"].clip(0) / STRIKE_S) ** 0.25
+        waited = (inputs["waited"] - started) / config.horizon
         cost = config.force_weight * peak + waited + inputs["cost"]
         best = np.nanargmin(np.where(np.isfinite(cost), cost, 1e300), axis=1)
         plant.parameters[rows[:, None, None], self._hands] = approaches[np.arange(len(rows)), best]

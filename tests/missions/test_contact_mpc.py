@@ -2,35 +2,62 @@
 
 from pathlib import Path
 
+import numpy as np
+
 import spacerobot as sr
+from spacerobot.closedloop import build_closed_loop
+from spacerobot.rollout import build_rollout
+from spacerobot.rollout.resumable_loop import resumed
+from spacerobot.updates.plant import SinglePlant
+from spacerobot.updates.scheme import UpdatedScene
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "touch" / "contact_mpc.py"
-PERIOD_S = 0.2
-
-
-def cost(depth):
-    """Cost of one choice, from the simulation that follows it: as long as the horizon, equally rough."""
-    chooses = {
+PERIOD_S, HORIZON_S, STEP_S = 0.2, 1.5, 0.01
+STRIKE_S, UNIT_N, FORCE_WEIGHT = 0.1, 10.0, 0.01
+STRONG_N = 500.0
+"""Force of an earlier strike, beside which no contact of this test counts."""
+CHANGES = {
+    "phases": {},
+    "grasps": {},
+    "robots.chaser.controllers.contacts": {
         "kind": "contact_mpc",
         "period": PERIOD_S,
-        "horizon": PERIOD_S,
-        "candidates": 3,
-        "depth": depth,
-    }
-    changes = {
-        "phases": {},
-        "grasps": {},
-        "robots.chaser.controllers.contacts": chooses,
-        "robots.chaser.tips.left_tip.reference": {"kind": "approach", "direction": [0, -1, 0]},
-        "robots.chaser.tips.right_tip.reference": {"kind": "approach", "direction": [0, 1, 0]},
-        "simulation.duration": PERIOD_S,
-        "simulation.output_step": PERIOD_S,
-    }
-    data = sr.simulate(sr.load_scene("touch", changes), backend="interpreted").data
-    last = {name: data[f"contacts_input_{name}"].values[-1].item() for name in ("effort", "waited", "cost")}
-    return 0.01 * 10 * (last["effort"] / 0.1) ** 0.25 + last["waited"] / PERIOD_S + last["cost"]
+        "horizon": HORIZON_S,
+        "candidates": 24,
+    },
+    "robots.chaser.tips.left_tip.reference": {"kind": "approach", "direction": [0, -1, 0]},
+    "robots.chaser.tips.right_tip.reference": {"kind": "approach", "direction": [0, 1, 0]},
+    "simulation.duration": HORIZON_S,
+    "target.base.spin_deg.2": 5,
+}
 
 
-def test_what_is_chosen_costs_less_than_staying():
+def costs(plant):
+    """Peak force over the horizon [N], and cost without it, of the approaches that are followed."""
+    (end,) = plant.roll(plant.parameters, plant.start, HORIZON_S).inputs
+    effort, waited, last = (end[f"contacts_input_{name}"].item() for name in ("effort", "waited", "cost"))
+    return UNIT_N * (effort / STRIKE_S) ** 0.25, waited / HORIZON_S + last
+
+
+def test_the_choice_costs_less_than_staying_and_contacts_below_an_earlier_peak_cost_nothing():
     sr.load_plugin(PLUGIN)
-    assert cost(0.06) < cost(1e-9) - 1e-3
+    updated = UpdatedScene.of(sr.load_scene("touch", CHANGES))
+    loop = build_closed_loop(updated.scene)
+    rollout = build_rollout(resumed(loop), duration_s=HORIZON_S, step_s=STEP_S, backend="interpreted")
+
+    def followed(earlier_n):
+        """Costs of staying and of the choice, after an earlier strike."""
+        plant = SinglePlant(loop, rollout, HORIZON_S)
+        (effort,) = [k for k, name in enumerate(loop.state_names) if "contacts.effort" in name]
+        before = costs(plant)
+        plant.start[0, 1 + effort] = value = STRIKE_S * (earlier_n / UNIT_N) ** 4
+        plant.inputs = [{"contacts_input_effort": np.array([value])}]
+        updated.schemes[0].start(plant, 1, "interpreted", lambda _: None).update(np.array([0]))
+        plant.start[0, 1 + effort] = 0.0
+        return before, costs(plant)
+
+    (stay_n, stay), (careful_n, careful) = followed(0.0)
+    _, (bold_n, bold) = followed(STRONG_N)
+    assert FORCE_WEIGHT * careful_n + careful < FORCE_WEIGHT * stay_n + stay - 1e-3
+    assert bold < careful - 1e-3
+    assert careful_n < bold_n < STRONG_N / 2
