@@ -181,10 +181,7 @@ class ArticulatedBody:
         result: list[ca.SX] = []
         for joint in self.kinematics.joints:
             elimination = self.eliminations[joint.index - 1]
-            motion = self.kinematics.local[joint.index]
-            linear, angular = accelerations[joint.parent][:3], accelerations[joint.parent][3:]
-            linear = motion.inward(linear + cross(angular, motion.arm))
-            carried = ca.vertcat(linear, motion.inward(angular))
+            carried = self.kinematics.local[joint.index].carried(accelerations[joint.parent])
             # acceleration of the parent at this joint (6x1); then the joint's rate of velocity along A (kx1):
             # a_rel = D^-1 u + K^T a_parent, so that a = a_parent + A a_rel
             factors = elimination.factors
@@ -210,10 +207,7 @@ class ArticulatedBody:
         result: list[ca.SX] = []
         for joint in self.kinematics.joints:
             elimination = self.eliminations[joint.index - 1]
-            motion = self.kinematics.local[joint.index]
-            linear, angular = carried[joint.parent][:3], carried[joint.parent][3:]
-            linear = motion.inward(linear + cross(angular, motion.arm))
-            passed = ca.vertcat(linear, motion.inward(angular))
+            passed = self.kinematics.local[joint.index].carried(carried[joint.parent])
             relative = ca.mtimes(elimination.turn, joint.rates(acceleration))
             carried[joint.index] = passed + ca.mtimes(elimination.axes, relative)
             if elimination.rows is not None:

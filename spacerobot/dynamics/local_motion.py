@@ -65,6 +65,17 @@ class LocalMotion:
         """Vectors (3xn) from these calculation axes to the parent's."""
         return vector if self.to_parent is None else ca.mtimes(self.to_parent, vector)
 
+    def carried(self, acceleration: ca.SX) -> ca.SX:
+        """Acceleration (6x1, linear rows first) of a point fixed to the parent, where the joint's frame is.
+
+        Terms of the velocities are left out.
+
+        Args:
+            acceleration: Of the parent's frame (6x1), in its calculation axes; the result is in these axes.
+        """
+        linear, angular = acceleration[:3], acceleration[3:]
+        return ca.vertcat(self.inward(linear + cross(angular, self.arm)), self.inward(angular))
+
 
 UNIVERSE = LocalMotion(
     axes=IDENTITY3,

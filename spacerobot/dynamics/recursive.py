@@ -40,10 +40,8 @@ def inverse_dynamics(
     carried = [ca.SX(6, 1)] * model.njoints  # acceleration beyond that at zero joint acceleration
     for joint in kinematics.joints:
         motion = kinematics.local[joint.index]
-        linear, angular = carried[joint.parent][:3], carried[joint.parent][3:]
         relative = ca.mtimes(ca.vertcat(motion.linear, motion.angular), joint.rates(acceleration))
-        passed = ca.vertcat(motion.inward(linear + cross(angular, motion.arm)), motion.inward(angular))
-        carried[joint.index] = passed + relative
+        carried[joint.index] = motion.carried(carried[joint.parent]) + relative
         linear, angular = carried[joint.index][:3], carried[joint.index][3:]
         mass, moment, rotational = inertias.rotated(motion.body, joint.index)
         force = mass * linear + cross(angular, moment)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import hmac
-import secrets
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import tornado.web
-
 from spacerobot.common.files import StrPath
 from spacerobot.scene import Scene, to_scene
 from viz.page.animation import still
-from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback, Stream
+from viz.page.loopback import FIRST_PORT, Stream
 from viz.page.page import page
 from viz.studio.messages import MOST_BYTES
 from viz.studio.prepared_design import Origin
 from viz.studio.session import StudioSession
+from viz.studio.token_server import TokenHandler, TokenServer
 from viz.studio.waiting import WaitingPage
 
 FOLDER = Path("out/studio")
@@ -28,7 +25,7 @@ MOST_BEHIND = 2
 """Number of unsent messages to a page from which its requests wait."""
 
 
-class Studio(Loopback):
+class Studio(TokenServer):
     """Server of a page on which every number of a scene can be changed.
 
     Beside what :class:`~viz.page.loopback.Loopback` asks of a request, it must name the token that stands in
@@ -55,17 +52,11 @@ class Studio(Loopback):
         tell: Callable[[str], None] = lambda _: None,
         waiting: WaitingPage | None = None,
     ) -> None:
-        self.token = secrets.token_urlsafe(24)
-        self.session = StudioSession(origin, folder, tell)
+        self.session, token = StudioSession(origin, folder, tell), None
         if waiting is not None:
-            self.token, port = waiting.token, waiting.port
+            token, port = waiting.token, waiting.port
             waiting.close()
-        super().__init__(port)
-
-    @property
-    def url(self) -> str:
-        """Address of the page, the token in it."""
-        return f"{super().url}?token={self.token}"
+        super().__init__(port, token)
 
     def handlers(self) -> list[Any]:
         """The page and its connection."""
@@ -99,17 +90,7 @@ def studio(scene: Scene | StrPath, *, folder: StrPath = FOLDER, port: int = FIRS
     return Studio(Origin(to_scene(scene)), Path(folder), port)
 
 
-class _TokenHolder(LocalRequestHandler):
-    """Handler that checks the token of requests."""
-
-    def prepare(self) -> None:
-        super().prepare()
-        token = self.get_query_argument("token", "")
-        if not hmac.compare_digest(token.encode(), self.server.token.encode()):
-            raise tornado.web.HTTPError(403)
-
-
-class _StudioPage(_TokenHolder):
+class _StudioPage(TokenHandler):
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
@@ -152,7 +133,7 @@ class Peer:
         self._server.session.wake()
 
 
-class _Connection(_TokenHolder, Stream):
+class _Connection(TokenHandler, Stream):
     peer: Peer
 
     def open(self, *_: str, **__: str) -> None:

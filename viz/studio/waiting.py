@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hmac
-import secrets
 from collections.abc import Callable
 from html import escape
 from typing import Any
 
-import tornado.web
-
-from viz.page.loopback import FIRST_PORT, LocalRequestHandler, Loopback
+from viz.page.loopback import FIRST_PORT
+from viz.studio.token_server import TokenHandler, TokenServer
 
 WAITING = "X-Studio-Waiting"
 """Header of this page's answers; the studio's own page, which takes its place, does not have it."""
@@ -37,7 +34,7 @@ setTimeout(look, 300);
 </script></html>"""
 
 
-class WaitingPage(Loopback):
+class WaitingPage(TokenServer):
     """Server of a page that says what the studio waits for, at the studio's address and with its token.
 
     Args:
@@ -50,13 +47,7 @@ class WaitingPage(Loopback):
 
     def __init__(self, name: str, port: int = FIRST_PORT) -> None:
         self.name, self.words = name, "loading the libraries and the scenario"
-        self.token = secrets.token_urlsafe(24)
         super().__init__(port)
-
-    @property
-    def url(self) -> str:
-        """Address of the page, the token in it."""
-        return f"{super().url}?token={self.token}"
 
     def handlers(self) -> list[Any]:
         """The page."""
@@ -72,11 +63,8 @@ class WaitingPage(Loopback):
         return both
 
 
-class _WaitingAnswer(LocalRequestHandler):
+class _WaitingAnswer(TokenHandler):
     def get(self) -> None:
-        token = self.get_query_argument("token", "")
-        if not hmac.compare_digest(token.encode(), self.server.token.encode()):
-            raise tornado.web.HTTPError(403)
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
         self.set_header(WAITING, "1")
