@@ -22,8 +22,9 @@ from optim.problem.quantity_measures import (
 )
 from spacerobot.closedloop.loop_cache import SceneContent, cached_closed_loop
 from spacerobot.common.arrays import Array
+from spacerobot.common.datasets import read_dataset, write_dataset
 from spacerobot.common.errors import ResultError, ScenarioError
-from spacerobot.common.files import StrPath, staged
+from spacerobot.common.files import StrPath
 from spacerobot.common.section import numbers
 from spacerobot.common.tables import Table, Tabular
 from spacerobot.quantities import Quantity, find_quantity
@@ -64,14 +65,7 @@ class DatasetResult(Tabular):
         Raises:
             ResultError: If the file cannot be written.
         """
-        target = Path(path)
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            with staged(target.parent) as stage:
-                self.data.to_netcdf(stage / target.name, engine="netcdf4")
-                (stage / target.name).replace(target)
-        except (OSError, RuntimeError) as fault:
-            raise ResultError(f"cannot be written: {fault}", source=target) from None
+        write_dataset(self.data, path)
 
     @classmethod
     def load(cls, path: StrPath) -> Self:
@@ -80,7 +74,7 @@ class DatasetResult(Tabular):
         Raises:
             ResultError: If it cannot be read.
         """
-        data = _read(path)
+        data = read_dataset(path)
         if cls.needed not in data:
             raise ResultError(f"holds no {cls.needed!r}, so it is not such a result", source=Path(path))
         return cls(data)
@@ -167,7 +161,7 @@ def load_evaluation(path: StrPath) -> GradientResult | BatchResult:
     Raises:
         ResultError: If it cannot be read.
     """
-    if GradientResult.needed in _read(path):
+    if GradientResult.needed in read_dataset(path):
         return GradientResult.load(path)
     return BatchResult.load(path)
 
@@ -403,12 +397,3 @@ def build_quantity_rollout(
         rolled = UpdatedRollout(updated, loop, extended, measures, duration_s=updated.duration_s, **options)
         return rolled, labels
     return build_rollout(extended, duration_s=simulation.duration, measures=measures, **options), labels
-
-
-def _read(path: StrPath) -> xr.Dataset:
-    source = Path(path)
-    try:
-        with xr.open_dataset(source, engine="netcdf4") as stored:
-            return stored.load()
-    except (OSError, ValueError, RuntimeError) as fault:
-        raise ResultError(f"cannot be read: {fault}", source=source) from None

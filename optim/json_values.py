@@ -1,11 +1,14 @@
-"""Values as JSON takes them."""
+"""Values as JSON takes them, and files of them."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
+from spacerobot.common.files import StrPath, write_text
 
 
 def plain(value: Any) -> Any:
@@ -19,3 +22,12 @@ def plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
+
+
+def write_json(path: StrPath, value: Any) -> None:
+    """Write a value as :func:`plain` makes it to a JSON file.
+
+    Raises:
+        ResultError: If it cannot be written.
+    """
+    write_text(path, json.dumps(plain(value), indent=1, allow_nan=False) + "\n")

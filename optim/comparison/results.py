@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,8 @@ from typing import Any
 from optim.comparison.benchmark_problem import ProblemComparison
 from optim.comparison.compare import Comparison
 from optim.comparison.report import to_data
-from spacerobot.common.files import StrPath, write_text
+from optim.json_values import write_json
+from spacerobot.common.files import StrPath
 from spacerobot.result import Result
 from spacerobot.simulation import simulate_designs
 
@@ -43,7 +43,7 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
             entry["largest_error_checked_m"] = None if largest is None else float(largest)
             status = result.summary["status"]
             entry |= {name: status[name] for name in ("trusted", "open", "deep") if name in status}
-    write_text(folder / "comparison.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_json(folder / "comparison.json", data)
     return data
 
 

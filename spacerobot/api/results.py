@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from spacerobot.api.study import Playback, Study
 from spacerobot.common.errors import ResultError
-from spacerobot.common.files import StrPath
+from spacerobot.common.files import StrPath, readable
 from spacerobot.common.tables import Content
 from spacerobot.result import Result
 from spacerobot.scene import Scene, load_scene
@@ -331,10 +331,8 @@ class ComparisonResult(Study):
             ResultError: If the folder has no comparison.
         """
         file = Path(path) / cls.file
-        try:
+        with readable("comparison", file):
             data = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as fault:
-            raise ResultError(f"holds no comparison that can be read: {fault}", source=file) from None
         return cls(data, Path(path))
 
     def __repr__(self) -> str:

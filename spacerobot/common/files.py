@@ -71,6 +71,23 @@ def _sink(path: Path) -> Path | int | None:
 
 
 @contextlib.contextmanager
+def readable(what: str, source: Path) -> Iterator[None]:
+    """Report a missing or damaged file in one line.
+
+    Args:
+        what: What the file should hold: ``tuning``, ``plan``.
+        source: The file.
+
+    Raises:
+        ResultError: If the block fails to read it.
+    """
+    try:
+        yield
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError) as fault:
+        raise ResultError(f"holds no {what} that can be read: {fault}", source=source) from None
+
+
+@contextlib.contextmanager
 def staged(home: Path) -> Iterator[Path]:
     """Temporary folder inside a folder, removed at the end of the block.
 

@@ -22,6 +22,7 @@ import xarray as xr
 from scipy.optimize import brentq
 
 from spacerobot.common.arrays import Array
+from spacerobot.common.datasets import read_dataset, write_dataset
 from spacerobot.common.errors import ResultError, SpaceRobotError
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Content, Table, Tabular
@@ -133,6 +134,16 @@ class MarginAnalysis(Tabular):
             },
         )
 
+    def save(self, folder: StrPath) -> SavedMargins:
+        """Write ``margins.nc``, which :func:`spacerobot.load` reads.
+
+        Raises:
+            ResultError: If it cannot be written.
+        """
+        data = self.to_xarray()
+        write_dataset(data, Path(folder) / FILE)
+        return SavedMargins(data, Path(folder))
+
     def __repr__(self) -> str:
         """Numbers of instants and loops, in one line."""
         return (
@@ -172,18 +183,14 @@ class SavedMargins(Tabular):
 
     @classmethod
     def load(cls, folder: StrPath) -> SavedMargins:
-        """Margins in a folder that ``spacerobot margins --out`` wrote.
+        """Read what :meth:`MarginAnalysis.save` wrote.
 
         Raises:
             ResultError: If the file cannot be read.
         """
         path = Path(folder) / FILE
-        try:
-            with xr.open_dataset(path) as data:
-                data = data.load()
-            missing = {*UNITS, "stable", "time", "description"} - {*data.variables}
-        except (OSError, ValueError, RuntimeError) as fault:
-            raise ResultError(f"cannot be read: {fault}", source=path) from None
+        data = read_dataset(path)
+        missing = {*UNITS, "stable", "time", "description"} - {*data.variables}
         if missing:
             raise ResultError(f"holds no {min(missing)}; run `spacerobot margins --out` again", source=path)
         return cls(data, Path(folder))

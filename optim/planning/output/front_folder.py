@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from optim.json_values import plain
+from optim.json_values import plain, write_json
 from optim.planning.formulation.costs import headings
 from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
 from optim.planning.studies.pareto_front import ParetoFront
-from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Table, unit_scale
 from spacerobot.scene import build_scene
 
@@ -76,5 +75,5 @@ def write(front: ParetoFront, folder: StrPath) -> dict[str, Any]:
         if point.plan is not None:
             scene = build_scene(front.scene.scenario, dict(point.changes), source=front.scene.source)
             write_plan(dataclasses.replace(point.plan, scene=scene), folder / point.name)
-    write_text(folder / FRONT, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_json(folder / FRONT, data)
     return dict(data)

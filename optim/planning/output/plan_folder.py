@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 import xarray as xr
 
-from optim.json_values import plain
+from optim.json_values import write_json
 from optim.planning.formulation.base_actuation import limiting_actuators
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.formulation.grasps import wrench_axes
@@ -38,7 +38,7 @@ from optim.planning.search.make_plan import PlanSolution
 from optim.planning.transcription.motion import Motion
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import ResultError
-from spacerobot.common.files import StrPath, staged, write_text
+from spacerobot.common.files import StrPath, readable, staged, write_text
 from spacerobot.common.interrupts import uninterrupted
 from spacerobot.common.version import __version__
 from spacerobot.elements.core.registry import plugin_records
@@ -272,8 +272,7 @@ def write(planned: PlanSolution, folder: StrPath, sensitivities: Mapping[str, fl
             summary_data = summary(planned) | (
                 {"cost_sensitivities": dict(sensitivities)} if sensitivities else {}
             )
-            text = json.dumps(plain(summary_data), indent=1, allow_nan=False)
-            write_text(folder / SUMMARY, text + "\n")
+            write_json(folder / SUMMARY, summary_data)
             notes = "".join(f"# {line}\n" for line in handover_warnings(planned))
             write_text(folder / FOLLOWED, notes + to_yaml(following_scenario(planned)))
             write_text(folder / SCENARIO, to_yaml(planned.scene.scenario))
@@ -288,12 +287,10 @@ def read(folder: StrPath) -> tuple[xr.Dataset, dict[str, Any]]:
         ResultError: If they cannot be read.
     """
     folder = Path(folder)
-    try:
+    with readable("plan", folder):
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         with xr.open_dataset(folder / PLAN, engine="netcdf4") as stored:
             data = stored.load()
-    except (OSError, ValueError, RuntimeError, KeyError, AttributeError, TypeError, IndexError) as fault:
-        raise ResultError(f"holds no plan that can be read: {fault}", source=folder) from None
     for name, damage in ((SUMMARY, _summary_fault(summary)), (PLAN, _data_fault(data))):
         if damage is not None:
             raise ResultError(f"damaged: {damage}; plan its scenario again", source=folder / name)

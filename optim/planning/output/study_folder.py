@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from optim.json_values import plain
+from optim.json_values import plain, write_json
 from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
 from optim.planning.studies.design_study import DesignStudy
 from optim.problem.variables import at_bound
-from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Table
 from spacerobot.scenario.units import unit_at
 
@@ -97,5 +96,5 @@ def write(study: DesignStudy, folder: StrPath) -> dict[str, Any]:
     folder = Path(folder)
     data = to_data(study)
     write_plan(study.plan, folder)
-    write_text(folder / DESIGN, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_json(folder / DESIGN, data)
     return data
