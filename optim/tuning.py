@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optim.json_values import plain
+from optim.json_result import write_design
 from optim.methods.run_method import (
     MethodOutcome,
     refuse_periods,
@@ -20,7 +20,7 @@ from optim.methods.run_method import (
     stored_number,
     without_gradients,
 )
-from optim.methods.settings import Effort, effort_of
+from optim.methods.settings import Effort, stated_effort
 from optim.methods.tuning_method import TuningMethod
 from optim.problem.blackbox import ResultProblem
 from optim.problem.objectives import OBJECTIVE, reading
@@ -29,12 +29,10 @@ from optim.problem.tuning_problem import TuningProblem, build_problem
 from optim.problem.variables import at_bound
 from optim.search.search import NOT_APPLICABLE, Progress
 from optim.search.session import SearchSession
-from spacerobot.common.errors import ResultError, ScenarioError
-from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.errors import ScenarioError
+from spacerobot.common.files import StrPath, readable
 from spacerobot.common.registry import TUNING_METHODS
 from spacerobot.common.tables import Content, Table, Tabular
-from spacerobot.result import check_folder
-from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene, build_scene, load_scene
 
 FILE, SCENARIO = "tuning.json", "scenario.yaml"
@@ -74,8 +72,6 @@ class TuningResult(Tabular):
         Raises:
             ResultError: If the folder holds something else or cannot be written.
         """
-        folder = Path(folder)
-        check_folder(folder, FILE)
         data = {
             "gains": dict(self.gains),
             "active_bounds": list(at_bound(list(self.gains), self.outcome.best.u)),
@@ -85,9 +81,7 @@ class TuningResult(Tabular):
             **self.outcome.to_data(),
             "reading": list(self.reading),
         } | ({"margins": dict(self.margins)} if self.margins else {})
-        if not (folder / SCENARIO).is_file():
-            write_text(folder / SCENARIO, to_yaml(self.scene.scenario))
-        write_text(folder / FILE, json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
+        write_design(folder, FILE, data, self.scene)
 
     @classmethod
     def load(cls, folder: StrPath) -> TuningResult:
@@ -97,13 +91,11 @@ class TuningResult(Tabular):
             ResultError: If it cannot be read.
         """
         folder = Path(folder)
-        try:
+        with readable("tuning", folder / FILE):
             data = json.loads((folder / FILE).read_text(encoding="utf-8"))
             numbers = data["gains"], stored_number(data["objective"]), data["status"], data["message"]
             outcome = MethodOutcome.of_data(data)
             name, factor, unit = data.get("reading", (OBJECTIVE, 1.0, ""))
-        except (OSError, ValueError, LookupError, TypeError) as fault:
-            raise ResultError(f"holds no tuning that can be read: {fault}", source=folder / FILE) from None
         scene = load_scene(folder / SCENARIO, expand_xacro=False)
         return cls(*numbers, scene, outcome, data.get("margins", {}), (name, factor, unit))
 
@@ -136,7 +128,7 @@ def tune(
     problem: Scene | StrPath | TuningProblem | ResultProblem,
     method: str = "nlp",
     *,
-    effort: Effort | None = None,
+    effort: Effort | Mapping[str, int | None] | None = None,
     folder: StrPath | None = None,
     progress: Progress | None = None,
 ) -> TuningResult:
@@ -148,7 +140,8 @@ def tune(
             result, for evolutionary methods only.
         method: ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, ``nlp_ga``
             (the NLP from the GA's best), or one of a plugin.
-        effort: How much may be done; the tuning section's if None.
+        effort: How much may be done; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, in place of
+            those of the tuning section, which holds where nothing is given.
         folder: Where journals are kept: a killed call, made again, goes on where it was and ends the same.
         progress: Told now and then.
 
@@ -163,7 +156,7 @@ def tune(
     if stated is not nominal and (chosen.uses_gradients or not chosen.solves_any_problem):
         raise ScenarioError(f"a function of a result has no gradients; methods: {without_gradients()}")
     refuse_periods(nominal, method)
-    effort = effort or effort_of(tuning_of(nominal.scene))
+    effort = stated_effort(effort, tuning_of(nominal.scene))
     run = partial(run_method, stated, effort=effort, session=SearchSession(folder, nominal.workers, progress))
     if chosen.starts_from is None:
         outcome = run(method)

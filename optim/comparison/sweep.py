@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from optim.comparison.statistics import statistics
-from optim.json_values import plain
+from optim.json_values import write_json
 from optim.methods.evolutionary import evolve
 from optim.methods.settings import EvolutionSettings
 from optim.problem.problem import OptimisationProblem
@@ -24,8 +24,7 @@ from optim.search.journal import Journal
 from optim.search.search import Progress, Search, SearchRun
 from optim.search.session import SearchSession
 from spacerobot.common.arrays import Array
-from spacerobot.common.errors import ResultError
-from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.files import StrPath, readable
 from spacerobot.common.tables import Content, Table, Tabular
 from spacerobot.scene import Scene, to_scene
 
@@ -74,7 +73,7 @@ class SweepResult(Tabular):
         Raises:
             ResultError: If the folder cannot be written.
         """
-        write_text(Path(folder) / FILE, json.dumps(plain(self.settings), indent=1) + "\n")
+        write_json(Path(folder) / FILE, self.settings)
 
     @classmethod
     def load(cls, folder: StrPath) -> SweepResult:
@@ -84,14 +83,12 @@ class SweepResult(Tabular):
             ResultError: If it cannot be read.
         """
         file = Path(folder) / FILE
-        try:
+        with readable("sweep", file):
             rows = json.loads(file.read_text(encoding="utf-8"))
             settings = tuple(
                 {key: np.inf if value is None else value for key, value in row.items()} for row in rows
             )
             cls(settings).content()
-        except (OSError, ValueError, LookupError, TypeError, AttributeError) as fault:
-            raise ResultError(f"holds no sweep that can be read: {fault}", source=file) from None
         return cls(settings)
 
     def content(self) -> list[Content]:
@@ -116,7 +113,7 @@ class SweepResult(Tabular):
 def sweep(
     problem: Scene | StrPath | TuningProblem,
     *,
-    protocol: EvolutionSettings | None = None,
+    budget: int = BUDGET,
     runs: int = 3,
     seed: int = 0,
     folder: StrPath | None = None,
@@ -126,8 +123,8 @@ def sweep(
 
     Args:
         problem: Problem of :func:`optim.build_problem`; or a scene, or the name or file of its scenario.
-        protocol: Settings that do not vary; 1000 rollouts a run, the tuning section's population and the
-            paper's values if None.
+        budget: Maximum number of rollouts of a run. Settings that do not vary are the tuning section's
+            population and the paper's values.
         runs: Number of runs of each setting.
         seed: Seed of the first run of each setting.
         folder: Folder of the journals, from which an interrupted sweep continues; none if None.
@@ -137,7 +134,7 @@ def sweep(
         ScenarioError: If the problem does not fit the scene.
     """
     stated = problem if isinstance(problem, TuningProblem) else build_problem(to_scene(problem))
-    protocol = protocol or EvolutionSettings(tuning_of(stated.scene).population, BUDGET)
+    protocol = EvolutionSettings(tuning_of(stated.scene).population, budget)
     session = SearchSession(folder, stated.workers, progress)
     trials = run_sweep(stated, protocol=protocol, runs=runs, seed=seed, session=session)
     return SweepResult(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from spacerobot.scenario import Tuning
@@ -95,3 +96,8 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
         settings.get("seed", tuning.seed),
         settings.get("repeats", 1),
     )
+
+
+def stated_effort(effort: Effort | Mapping[str, int | None] | None, tuning: Tuning) -> Effort:
+    """Effort that was given, or that of a tuning section with changes, as of :func:`effort_of`."""
+    return effort if isinstance(effort, Effort) else effort_of(tuning, **(effort or {}))

@@ -111,9 +111,13 @@ def with_variables(
     """
     section = scene.scenario.tuning
     if not isinstance(variables, Mapping):
-        for name in variables or ():
-            _known(name, tuning_of(scene).variables, "variable", scene)
-        return scene, variables
+        if variables is None:
+            return scene, None
+        tuning = tuning_of(scene)
+        names = [name for given in variables for name in tuning.sets.get(given, (given,))]
+        for name in names:
+            _known(name, tuning.variables, "variable", scene)
+        return scene, names
     for name, bounds in variables.items():
         if not (isinstance(bounds, tuple | list) and len(bounds) == 3 and isinstance(bounds[0], str)):
             message = f"found {bounds!r}, required: (dotted path, lower, upper)"

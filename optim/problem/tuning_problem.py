@@ -194,8 +194,8 @@ def build_problem(
     Args:
         scene: Scene to tune, or the name or file of its scenario. Objective, constraints and variables are
             its tuning section's where not given here.
-        variables: Names of the section's variables, all of them if None; or new ones: (dotted path, lower,
-            upper) by name.
+        variables: Names of the section's variables or sets of them, all of them if None; or new ones: (dotted
+            path, lower, upper) by name.
         variant: Variant of the tuning section; none if None.
         objective: The user's own: function of the closed loop's signals that gives a scalar measure, ``lambda
             s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact. Weighed margins are added.

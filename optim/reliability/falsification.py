@@ -19,7 +19,7 @@ from optim.campaign.sampling.samplers import probabilities, quantiles
 from optim.json_result import JsonResult
 from optim.methods.nlp import GRADIENT
 from optim.methods.run_method import run_method
-from optim.methods.settings import Effort, EvolutionSettings
+from optim.methods.settings import Effort, EvolutionSettings, NlpSettings
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
 from optim.search.session import SearchSession
@@ -189,7 +189,7 @@ def falsify(
     quantity: str | None = None,
     limit: float | None = None,
     *,
-    effort: Effort | None = None,
+    effort: Effort | Mapping[str, int | None] | None = None,
     session: SearchSession | None = None,
     threads: int | None = None,
 ) -> Falsification:
@@ -201,7 +201,8 @@ def falsify(
     Args:
         scene: A scene whose scenario has a ``campaign`` section, or the scenario's name or file.
         quantity, limit: Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
-        effort: Starts, seed, and in ``nlp`` the budget; 16 starts without limit if None.
+        effort: Starts, seed, and in ``nlp`` the budget; or ``starts``, ``seed`` and ``budget`` by name. There
+            are 16 starts and no limit of the budget where nothing is given.
         session: Journals, so that an interrupted search continues, and who is told of progress; none if None.
         threads: Number of threads; one for each usable core if None; the numbers do not depend on it.
 
@@ -219,7 +220,11 @@ def falsify(
     ]
     lower, upper = np.array(ends, dtype=float).T
     problem = WorstCaseProblem(state, lower, upper)
-    session, effort = session or SearchSession(), effort or Effort(starts=STARTS)
+    session = session or SearchSession()
+    if not isinstance(effort, Effort):
+        stated = {name: value for name, value in (effort or {}).items() if value is not None}
+        nlp = NlpSettings(budget=stated.get("budget"))
+        effort = Effort(nlp=nlp, starts=stated.get("starts", STARTS), seed=stated.get("seed", 0))
     outcome = run_method(problem, "nlp", effort, session=session)
     if outcome.interrupted:
         raise KeyboardInterrupt

@@ -26,9 +26,9 @@ from optim.campaign.sampling.parameter_space import (
     resolve_space,
 )
 from optim.campaign.sampling.samplers import draw
-from optim.json_values import plain
+from optim.json_result import write_design
 from optim.methods.run_method import MethodOutcome, refuse_periods, run_method, stored_number
-from optim.methods.settings import Effort, effort_of
+from optim.methods.settings import Effort, stated_effort
 from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
 from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation, OptimisationProblem
@@ -38,13 +38,11 @@ from optim.search.search import Progress
 from optim.search.session import SearchSession
 from optim.workers import Workers
 from spacerobot.common.arrays import Array
-from spacerobot.common.errors import ResultError, SpaceRobotError
-from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.files import StrPath, readable
 from spacerobot.common.registry import TUNING_METHODS
 from spacerobot.common.tables import Content, Table, Tabular
-from spacerobot.result import check_folder
 from spacerobot.result.store import SCENARIO
-from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene, build_scene, load_scene, to_scene
 
 FILE = "robust.json"
@@ -284,8 +282,6 @@ class RobustTuningResult(Tabular):
         Raises:
             ResultError: If the folder holds something else or cannot be written.
         """
-        folder = Path(folder)
-        check_folder(folder, FILE)
         data = {
             "measure": self.statistic.kind,
             "percent": self.statistic.percent if self.statistic.kind == "percentile" else None,
@@ -298,9 +294,7 @@ class RobustTuningResult(Tabular):
             "objectives": {"common": dict(self.common), "fresh": dict(self.fresh)},
             **self.outcome.to_data(),
         }
-        if not (folder / SCENARIO).is_file():
-            write_text(folder / SCENARIO, to_yaml(self.scene.scenario))
-        write_text(folder / FILE, json.dumps(plain(data), indent=1, allow_nan=False) + "\n")
+        write_design(folder, FILE, data, self.scene)
 
     @classmethod
     def load(cls, folder: StrPath) -> RobustTuningResult:
@@ -310,7 +304,7 @@ class RobustTuningResult(Tabular):
             ResultError: If it cannot be read.
         """
         folder = Path(folder)
-        try:
+        with readable("robust tuning", folder / FILE):
             data = json.loads((folder / FILE).read_text(encoding="utf-8"))
             common, fresh = (
                 {name: np.array(values, dtype=float) for name, values in data["objectives"][key].items()}
@@ -319,9 +313,6 @@ class RobustTuningResult(Tabular):
             statistic = Statistic(data["measure"], data["percent"] or PERCENT, data["samples"])
             numbers = data["gains"], stored_number(data["objective"]), data["changes"]
             outcome = MethodOutcome.of_data(data)
-        except (OSError, ValueError, LookupError, TypeError, AttributeError) as fault:
-            message = f"holds no robust tuning that can be read: {fault}"
-            raise ResultError(message, source=folder / FILE) from None
         scene = load_scene(folder / SCENARIO, expand_xacro=False)
         return cls(*numbers, outcome, common, fresh, scene, statistic)
 
@@ -386,7 +377,7 @@ def tune_robust(
     problem: RobustProblem | Scene | StrPath,
     method: str = "nlp",
     *,
-    effort: Effort | None = None,
+    effort: Effort | Mapping[str, int | None] | None = None,
     fresh: int = FRESH,
     folder: StrPath | None = None,
     progress: Progress | None = None,
@@ -397,7 +388,8 @@ def tune_robust(
         problem: Problem of :func:`build_robust`; or a scene, or the name or file of its scenario, for the
             worst case.
         method: ``ga``, ``de``, ``pso``, ``cmaes`` or ``nlp``.
-        effort: Budget; the tuning section's if None.
+        effort: How much may be done; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, in place of
+            those of the tuning section, which holds where nothing is given.
         fresh: Number of fresh samples.
         folder: Folder of the journals; a killed call, made again, resumes.
         progress: Callback for progress.
@@ -412,7 +404,7 @@ def tune_robust(
         raise SpaceRobotError(f"no robust tuning by {method}; methods: {', '.join(able)}")
     refuse_periods(problem.nominal, method)
     scene = problem.nominal.scene
-    effort = effort or effort_of(tuning_of(scene))
+    effort = stated_effort(effort, tuning_of(scene))
     places = {name: None if folder is None else Path(folder) / name for name in ("robust", "nominal")}
     sessions = {
         name: SearchSession(place, problem.nominal.workers, progress) for name, place in places.items()

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from optim import MethodOutcome, SearchProgress
     from optim.search.search import Progress
-    from spacerobot.scenario import Tuning
 
 Variant = Annotated[
     str | None, typer.Option("--variant", metavar="NAME", help="A variant of the tuning section.")
@@ -40,9 +39,11 @@ Seed = Annotated[
 ]
 
 
-def chosen_variables(text: str | None, tuning: Tuning) -> list[str] | None:
-    """Names of variables: those of a set in the tuning section, or a list with commas; None for all."""
-    return list(tuning.sets[text]) if text in tuning.sets else parts(text)
+def effort_of_ga(
+    budget: int | None, runs: int | None, starts: int | None, seed: int | None
+) -> dict[str, int | None]:
+    """Settings in place of the tuning section's; every population-based method has the budget of the GA."""
+    return {"budget": budget, "baseline_budget": budget, "runs": runs, "starts": starts, "seed": seed}
 
 
 def stop_if_interrupted(outcome: MethodOutcome) -> None:

@@ -158,9 +158,7 @@ def test_a_robust_tuning_is_printed_and_read_again(arm, tmp_path):
 def test_a_sweep_is_printed_and_read_again(arm, tmp_path):
     options = ("--budget", 8, "--runs", 1, "--out", tmp_path / "sweep")
     output = printed("sweep", arm, *options)
-    from optim import EvolutionSettings
-
-    swept = sr.sweep(arm, protocol=EvolutionSettings(population=4, budget=8), runs=1)
+    swept = sr.sweep(arm, budget=8, runs=1)
     check_printed(output, swept)
     assert sr.load(tmp_path / "sweep") == swept
     assert {one["setting"] for one in swept.settings} == {"crossover", "mutation"}  # no population fits

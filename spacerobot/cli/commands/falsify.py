@@ -56,8 +56,7 @@ def command(
         spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
     """
     scene = sr.load_scene(scenario, parse_changes(changes))
-    from optim.methods.settings import NlpSettings
-    from optim.search.session import SearchSession
+    from optim import SearchSession
 
     folder = journals(out, "falsify.json")
     with shown() as (tell, report):
@@ -66,7 +65,7 @@ def command(
             scene,
             metric,
             limit,
-            effort=sr.Effort(nlp=NlpSettings(budget=budget), starts=starts, seed=seed or 0),
+            effort={"budget": budget, "starts": starts, "seed": seed},
             session=SearchSession(folder, progress=report),
             threads=threads,
         )

@@ -97,7 +97,7 @@ def command(
 
             tell("drawing")
             write_margins(analysis, scene.scenario.name, out)
-            analysis.to_xarray().to_netcdf(out / "margins.nc")
+            analysis.save(out)
     show(analysis.least_margins() if along else analysis)
     from spacerobot.linear.loop_margins import MOST_LOOPS
 

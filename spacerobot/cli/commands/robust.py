@@ -18,8 +18,9 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     Variant,
-    chosen_variables,
+    effort_of_ga,
     journals,
+    parts,
     shown,
     stop_if_interrupted,
 )
@@ -62,17 +63,13 @@ def command(
         spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
     """
     scene = sr.load_scene(scenario, parse_changes(changes))
-    from optim import effort_of
-    from optim.problem.scene_recipe import tuning_of
-
-    tuning, folder = tuning_of(scene), journals(out, "robust.json")
-    effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
+    folder, effort = journals(out, "robust.json"), effort_of_ga(budget, runs, starts, seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")
         problem = sr.build_robust(
             scene,
             sr.Statistic(measure, percent, samples),
-            variables=chosen_variables(variables, tuning),
+            variables=parts(variables),
             variant=variant,
             workers=workers,
         )

@@ -12,8 +12,8 @@ from spacerobot.cli.tuning_options import (
     Seed,
     Variables,
     Variant,
-    chosen_variables,
     journals,
+    parts,
     shown,
 )
 
@@ -38,17 +38,12 @@ def command(
         spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
     """
     scene = sr.load_scene(scenario, parse_changes(changes))
-    from optim import EvolutionSettings
-    from optim.problem.scene_recipe import tuning_of
-
-    tuning, folder = tuning_of(scene), journals(out, "sweep.json")
+    folder = journals(out, "sweep.json")
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")
-        chosen = chosen_variables(variables, tuning)
-        problem = sr.build_problem(scene, variables=chosen, variant=variant, workers=workers)
-        protocol = EvolutionSettings(population=tuning.population, budget=budget or 1000)
+        problem = sr.build_problem(scene, variables=parts(variables), variant=variant, workers=workers)
         swept = sr.sweep(
-            problem, protocol=protocol, runs=runs or 3, seed=seed or 0, folder=folder, progress=report
+            problem, budget=budget or 1000, runs=runs or 3, seed=seed or 0, folder=folder, progress=report
         )
     show(swept)
     if out is not None:

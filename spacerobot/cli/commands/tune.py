@@ -18,8 +18,9 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     Variant,
-    chosen_variables,
+    effort_of_ga,
     journals,
+    parts,
     shown,
     stop_if_interrupted,
 )
@@ -72,16 +73,10 @@ def command(
     scene = sr.load_scene(scenario, parse_changes(changes))
     TUNING_METHODS.find(method)  # refused before anything is built
     scene = sr.vary(scene, vary or [])
-    from optim import effort_of
-    from optim.problem.scene_recipe import tuning_of
-
-    tuning = tuning_of(scene)
-    effort = effort_of(tuning, budget=budget, baseline_budget=budget, runs=runs, starts=starts, seed=seed)
+    folder, effort = journals(out, "tuning.json"), effort_of_ga(budget, runs, starts, seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")
-        chosen = chosen_variables(variables, tuning)
-        problem = sr.build_problem(scene, variables=chosen, variant=variant, workers=workers)
-        folder = journals(out, "tuning.json")
+        problem = sr.build_problem(scene, variables=parts(variables), variant=variant, workers=workers)
         tuned = sr.tune(problem, method, effort=effort, folder=folder, progress=report)
         tell("simulating the best design")
         result = sr.simulate(tuned.scene)
