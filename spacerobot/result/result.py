@@ -10,11 +10,13 @@ import numpy as np
 import xarray as xr
 
 from spacerobot.common.arrays import Array
+from spacerobot.common.errors import DivergedError
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Table, Tabular
 from spacerobot.result.store import read_result, write_result
 from spacerobot.result.summary_types import Summary
-from spacerobot.result.table import Row, headline, result_tables, status_text
+from spacerobot.result.table import Row, cause_words, headline, result_tables, status_text
+from spacerobot.result.trust import fast_words
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
 
@@ -64,6 +66,23 @@ class Result(Tabular):
     def completed(self) -> bool:
         """Whether the rollout reached its end."""
         return bool(self.summary["status"]["state"] == "completed")
+
+    def require_completed(self) -> None:
+        """Check that the rollout reached its end.
+
+        Raises:
+            DivergedError: If it diverged or chattered; with the time, and what may help.
+        """
+        if self.completed:
+            return
+        status, step = self.summary["status"], self.summary["engine"]["step_s"]
+        kept = f"; kept up to there in {self.folder}" if self.folder is not None else ""
+        when = f"after {status['diverged_at_s']:.6g} s{cause_words(status)}"
+        if status["state"] == "chattering":
+            raise DivergedError(f"the rollout chattered {when}: too many events in too short a time{kept}")
+        hint = f"the step of {step:g} s may be too large (leave it out to have one chosen)" if step else ""
+        hints = "".join(f"; {words}" for words in (hint, fast_words(self.summary["fastest_joint"])) if words)
+        raise DivergedError(f"the rollout diverged {when}{hints}{kept}")
 
     def array(self, name: str) -> Array:
         """Values of a variable, or labels of a dimension, ten times faster than ``data[name].values``."""

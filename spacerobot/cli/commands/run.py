@@ -134,23 +134,8 @@ def fail_if_diverged(result: Result) -> None:
     Raises:
         DivergedError: If the simulation diverged; the exit code is 3.
     """
-    from spacerobot.common.errors import DivergedError
-
-    if result.completed:
-        warn_if_open(result)
-        return
-    from spacerobot.result.table import cause_words
-    from spacerobot.result.trust import fast_words
-
-    status, step = result.summary["status"], result.summary["engine"]["step_s"]
-    hint = f"; the step of {step:g} s may be too large (leave it out to have one chosen)" if step else ""
-    words = fast_words(result.summary["fastest_joint"])
-    fast = f"; {words}" if words else ""
-    location = f"; kept up to there in {result.folder}" if result.folder is not None else ""
-    when = f"after {status['diverged_at_s']:.6g} s{cause_words(status)}"
-    if status["state"] == "chattering":
-        raise DivergedError(f"the rollout chattered {when}: too many events in too short a time{location}")
-    raise DivergedError(f"the rollout diverged {when}{hint}{fast}{location}")
+    result.require_completed()
+    warn_if_open(result)
 
 
 def warn_if_open(result: Result) -> None:
