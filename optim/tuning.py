@@ -151,7 +151,7 @@ def tune(
         SpaceRobotError: If there is no such method, or it cannot solve this problem.
     """
     stated = build_problem(problem) if isinstance(problem, Scene | str | PathLike) else problem
-    nominal = stated.problem if isinstance(stated, ResultProblem) else stated
+    nominal = stated.nominal if isinstance(stated, ResultProblem) else stated
     chosen: TuningMethod = TUNING_METHODS.find(method)
     if stated is not nominal and (chosen.uses_gradients or not chosen.solves_any_problem):
         raise ScenarioError(f"a function of a result has no gradients; methods: {without_gradients()}")

@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
-from optim.problem.tuning_problem import TuningProblem
+from optim.problem.problem import Evaluation, EvaluationCost, Linearisation
+from optim.problem.tuning_problem import DerivedProblem
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.result import Result
@@ -22,26 +22,10 @@ ResultObjective = Callable[[Result], float]
 
 
 @dataclass(frozen=True)
-class ResultProblem(OptimisationProblem):
+class ResultProblem(DerivedProblem):
     """A tuning problem whose objective Python computes from each result; constraints stay the section's."""
 
-    problem: TuningProblem
     score: ResultObjective
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the variables."""
-        return self.problem.names
-
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """The tuning section's."""
-        return self.problem.constraint_names
-
-    @property
-    def start(self) -> Array:
-        """The scenario's own values."""
-        return self.problem.start
 
     @property
     def linear_cost(self) -> EvaluationCost:
@@ -52,16 +36,16 @@ class ResultProblem(OptimisationProblem):
     def fingerprint(self) -> str:
         """The tuning problem's, and the function's name: a changed function needs a new journal folder."""
         name = getattr(self.score, "__qualname__", type(self.score).__qualname__)
-        return hashlib.sha256(f"{self.problem.fingerprint} {name}".encode()).hexdigest()
+        return hashlib.sha256(f"{self.nominal.fingerprint} {name}".encode()).hexdigest()
 
     def evaluate(self, u: Array) -> Evaluation:
         """One rollout and one result after the other; NaN where a rollout diverged."""
-        constraints = self.problem.evaluate(u).constraints if self.constraint_names else np.empty((len(u), 0))
-        variables, scene, scores = self.problem.variables, self.problem.scene, np.full(len(u), np.nan)
+        constraints = self.nominal.evaluate(u).constraints if self.constraint_names else np.empty((len(u), 0))
+        variables, scene, scores = self.nominal.variables, self.nominal.scene, np.full(len(u), np.nan)
         for i, point in enumerate(u):
             trajectory = self._rollout.run(variables.as_changes(variables.values(point)))
             if trajectory.status == "completed":
-                data = build_dataset(scene, trajectory, self.problem.loop)
+                data = build_dataset(scene, trajectory, self.nominal.loop)
                 result = Result(scene.scenario, data, build_summary(scene, data, trajectory, {}, {}))
                 scores[i] = self.score(result)
         return Evaluation(scores, constraints)
@@ -76,11 +60,11 @@ class ResultProblem(OptimisationProblem):
 
     @cached_property
     def _rollout(self) -> Rollout:
-        simulation = self.problem.scene.scenario.simulation
+        simulation = self.nominal.scene.scenario.simulation
         return build_rollout(
-            self.problem.loop,
+            self.nominal.loop,
             duration_s=simulation.duration,
-            step_s=self.problem.rollout.grid.step_s,
+            step_s=self.nominal.rollout.grid.step_s,
             output_step_s=simulation.output_step,
             method=simulation.method,
         )

@@ -180,6 +180,32 @@ class TuningProblem(Formulation, OptimisationProblem):
         return np.column_stack([np.empty((count, 0)), *limits, *margins])
 
 
+@dataclass(frozen=True)
+class DerivedProblem(OptimisationProblem):
+    """A problem with the variables and constraints of a tuning problem, and an objective of its own.
+
+    Attributes:
+        nominal: The tuning problem.
+    """
+
+    nominal: TuningProblem
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables."""
+        return self.nominal.names
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the constraints."""
+        return self.nominal.constraint_names
+
+    @property
+    def start(self) -> Array:
+        """The scenario's own values in the unit cube, (k,)."""
+        return self.nominal.start
+
+
 def build_problem(
     scene: Scene | StrPath,
     *,

@@ -31,9 +31,9 @@ from optim.methods.run_method import MethodOutcome, refuse_periods, run_method, 
 from optim.methods.settings import Effort, stated_effort
 from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
-from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation, OptimisationProblem
+from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
 from optim.problem.scene_recipe import changed_scene, tuning_of
-from optim.problem.tuning_problem import TuningProblem, build_problem
+from optim.problem.tuning_problem import DerivedProblem, build_problem
 from optim.search.search import Progress
 from optim.search.session import SearchSession
 from optim.workers import Workers
@@ -59,7 +59,7 @@ AT_ONCE = 8192
 
 
 @dataclass(frozen=True)
-class RobustProblem(OptimisationProblem):
+class RobustProblem(DerivedProblem):
     """A tuning problem over samples; a rollout of each of them counts as one.
 
     Attributes:
@@ -69,26 +69,10 @@ class RobustProblem(OptimisationProblem):
             hold at every sample.
     """
 
-    nominal: TuningProblem
     space: ParameterSpace
     draws: Array
     kind: Kind
     percent: float = PERCENT
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the variables."""
-        return self.nominal.names
-
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """Names of the constraints."""
-        return self.nominal.constraint_names
-
-    @property
-    def start(self) -> Array:
-        """The scenario's own values in the unit cube, (k,)."""
-        return self.nominal.start
 
     @property
     def form(self) -> Form:
