@@ -8,7 +8,7 @@ import numpy as np
 
 from spacerobot.common.tables import unit_scale
 from viz.figures.campaign import BAD
-from viz.figures.style import COLOURS, Drawing, legend_above, panels, styled
+from viz.figures.style import COLOURS, Drawing, legend_above, panel_grid, styled
 
 if TYPE_CHECKING:
     from optim.campaign import QuantileBands
@@ -27,8 +27,7 @@ def bands(signal: QuantileBands) -> Drawing:
     moving = moving_components(signal)[:MOST_PANELS]
     factor, unit = unit_scale(signal.unit, signal.name)
     columns = 1 if len(moving) <= 1 else 2 if len(moving) in (2, 4) else 3
-    rows = max(1, -(-len(moving) // columns))
-    figure, axes = panels(rows, columns, height_in=1.6 if columns > 1 else 2.4, sharex=True)
+    figure, axes = panel_grid(len(moving), columns, height_in=1.6 if columns > 1 else 2.4, sharex=True)
     for panel, i in zip(axes.flat, moving, strict=False):
         panel.set_title(signal.components[i])
         t, colour = signal.time, COLOURS[0]
@@ -54,12 +53,10 @@ def bands(signal: QuantileBands) -> Drawing:
             panel.annotate(
                 text, (0.98, 0.96), xycoords="axes fraction", fontsize=7, color=BAD, ha="right", va="top"
             )
-    for panel in axes.flat[len(moving) :]:
-        panel.set_axis_off()
     for panel in axes[:, 0]:
         panel.set_ylabel(f"[{unit}]")
     for column in range(columns):
-        last = max(row for row in range(rows) if row * columns + column < max(len(moving), 1))
+        last = max(row for row in range(len(axes)) if row * columns + column < max(len(moving), 1))
         axes[last, column].set_xlabel("time [s]")
         axes[last, column].tick_params(labelbottom=True)
     legend_above(figure, axes[0, 0], columns=4)

@@ -12,7 +12,7 @@ from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 
 from spacerobot.common.arrays import Array
-from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
+from viz.figures.style import COLOURS, Drawing, legend_above, line, panel_grid, panels, styled
 
 DECADES = 1.5  # of values, from which on they stand on a logarithmic axis
 ZERO = 1e-8  # of the largest value; below it sizes are smoothed, as 1e-6 N where there is no force
@@ -61,14 +61,10 @@ def distributions(spreads: Sequence[SampleSpread]) -> Drawing:
     Args:
         spreads: One for each panel, all of the same designs.
     """
-    columns = min(2, len(spreads))
-    rows = -(-len(spreads) // columns)
-    figure, axes = panels(rows, columns, height_in=2.1)
+    figure, axes = panel_grid(len(spreads), 2, height_in=2.1)
     for panel, spread in zip(axes.flat, spreads, strict=False):
         _draw(panel, spread, numbers=False)
         panel.set_title(spread.quantity)
-    for panel in axes.flat[len(spreads) :]:
-        panel.set_axis_off()
     if len(spreads[0].samples) > 1:
         legend_above(figure, axes[0, 0], columns=4)
     return figure

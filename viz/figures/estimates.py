@@ -12,7 +12,7 @@ from viz.figures.style import (
     below_last,
     legend_above,
     line,
-    panels,
+    panel_grid,
     shown_axes,
     styled,
     until,
@@ -46,8 +46,7 @@ def estimate_errors(result: Result) -> Drawing:
             )
             if np.isfinite(values).any():  # others than this filter's bodies hold no number
                 bands_by_estimate.append((name, str(label), values, SIGMAS * deviation))
-    columns = min(2, len(bands_by_estimate))
-    figure, axes = panels(-(-len(bands_by_estimate) // columns), columns, sharex=True)
+    figure, axes = panel_grid(len(bands_by_estimate), 2, sharex=True)
     time = result.data.time.values
     for panel, (name, label, values, bound) in zip(axes.flat, bands_by_estimate, strict=False):
         factor, unit = unit_scale(str(result.data[name].attrs["units"]))
@@ -68,8 +67,6 @@ def estimate_errors(result: Result) -> Drawing:
         title = name.removesuffix("_error").removesuffix("_estimate").replace("_", " ")
         panel.set(title=f"{label}, {title}", ylabel=f"error [{unit}]", xlabel="time [s]")
         until(panel, result)
-    for panel in axes.flat[len(bands_by_estimate) :]:
-        panel.set_axis_off()
     legend_above(figure, axes[0, 0])
     below_last(axes)
     return figure

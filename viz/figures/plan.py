@@ -23,6 +23,7 @@ from viz.figures.style import (
     Drawing,
     legend_beside,
     line,
+    panel_grid,
     panels,
     styled,
 )
@@ -155,7 +156,7 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
         plan: What stands in ``plan.nc``; with ``constraint_flown``, drawn dotted over it, where it was flown.
     """
     names = [str(name) for name in plan.constraint_name.values]
-    figure, axes = panels(-(-len(names) // 2), min(2, len(names)), sharex=True, height_in=1.6)
+    figure, axes = panel_grid(len(names), 2, sharex=True, height_in=1.6)
     time = plan.time.values
     for panel, name in zip(axes.flat, names, strict=False):
         constraint = plan.sel(constraint_name=name)
@@ -171,9 +172,8 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
         shade(panel, _phases(plan))
         panel.set_title(textwrap.fill(name, 48), fontsize=7.5)
         panel.set(ylabel=f"[{unit}]", xlabel="time [s]")
-    for panel in list(axes.flat)[len(names) :]:
-        panel.set_visible(False)
-        for above in axes[-2:-1, 1]:  # it is the last of its column now
+    if axes.size > len(names):
+        for above in axes[-2:-1, 1]:  # the last of its column
             above.tick_params(labelbottom=True)
     return figure
 

@@ -254,6 +254,23 @@ def panels(
     return figure, axes
 
 
+def panel_grid(
+    count: int, columns: int, *, height_in: float = 1.9, sharex: bool = False, sharey: bool = False
+) -> tuple[Drawing, np.ndarray[Any, Any]]:
+    """A figure with a panel for each of several things, in reading order; the rest of the last row is blank.
+
+    Args:
+        count, columns: Number of panels, and of columns at most.
+        height_in, sharex, sharey: See :func:`panels`.
+    """
+    columns = max(1, min(columns, count))
+    rows = max(1, -(-count // columns))
+    figure, axes = panels(rows, columns, height_in=height_in, sharex=sharex, sharey=sharey)
+    for panel in axes.flat[count:]:
+        panel.set_axis_off()
+    return figure, axes
+
+
 def below_last(axes: np.ndarray[Any, Any]) -> None:
     """Keep labels and tick labels of horizontal axes only under the last panel of each column."""
     for panel in axes.flat:

@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentF
 from numpy.typing import ArrayLike
 
 from spacerobot.common.arrays import Array
-from viz.figures.style import COLOURS, Drawing, legend_above, line, panels, styled
+from viz.figures.style import COLOURS, Drawing, legend_above, line, panel_grid, panels, styled
 
 FLOOR = 1e-5  # gap at which a run counts as having met the best known value
 POINTS = 240  # of a band
@@ -37,9 +37,7 @@ def convergence(
         ends: By method: cost at which each run ended (runs,).
     """
     names = list(runs)
-    columns = min(4, len(names))
-    rows = -(-len(names) // columns)
-    figure, axes = panels(rows, columns, height_in=1.55, sharex=True, sharey=True)
+    figure, axes = panel_grid(len(names), 4, height_in=1.55, sharex=True, sharey=True)
     most = max((float(np.max(ends[name], initial=1.0)) for name in names), default=1.0)
     costs = np.geomspace(1.0, max(most, 2.0), POINTS)
     # gap so far at each cost; infinite before the first
@@ -61,8 +59,6 @@ def convergence(
         panel.set_title(f"{name} ({len(gaps[name])} {'run' if len(gaps[name]) == 1 else 'runs'})")
         for target in targets:
             panel.axhline(target, color="0.35", linewidth=0.6, linestyle=":")
-    for panel in axes.flat[len(names) :]:
-        panel.set_axis_off()
     panel = axes[0, 0]
     every = np.concatenate([values.ravel() for values in gaps.values()] or [np.ones(1)])
     finite = every[np.isfinite(every)]

@@ -10,7 +10,17 @@ from spacerobot.common.arrays import Array
 from spacerobot.common.tables import unit_scale
 from spacerobot.result import Result
 from viz.figures.kind import figure
-from viz.figures.style import Drawing, below_last, legend_above, line, panels, shown_axes, styled, until
+from viz.figures.style import (
+    Drawing,
+    below_last,
+    legend_above,
+    line,
+    panel_grid,
+    panels,
+    shown_axes,
+    styled,
+    until,
+)
 
 
 def _has_wheels(result: Result) -> bool:
@@ -47,9 +57,7 @@ def momentum_budget(result: Result) -> Drawing:
     components = [("angular", axis) for axis in (["z"] if "body_angle" in result.data else ["x", "y", "z"])]
     if "impulse_linear" in result.data:
         components = [*(("linear", axis) for axis in shown_axes(result)), *components]
-    columns = min(3, len(components))
-    rows = -(-len(components) // columns)
-    figure, axes = panels(rows, columns, sharex=True)
+    figure, axes = panel_grid(len(components), 3, sharex=True)
     for panel, (kind, axis) in zip(axes.flat, components, strict=False):
         for k, (name, values) in enumerate(shares(result, kind, axis)):
             panel.plot(result.data.time.values, values, **line(k), label=name)
@@ -64,8 +72,6 @@ def momentum_budget(result: Result) -> Drawing:
             xlabel="time [s]",
         )
         until(panel, result)
-    for panel in axes.flat[len(components) :]:
-        panel.set_axis_off()
     legend_above(figure, axes[0, 0])
     below_last(axes)
     return figure
