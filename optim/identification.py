@@ -32,7 +32,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from optim.json_result import JsonResult
+from optim.json_files import JsonResult
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.common.tables import Content, Table

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optim.json_result import write_design
+from optim.json_files import write_design
 from optim.methods.run_method import (
     MethodOutcome,
     refuse_periods,

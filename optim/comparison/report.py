@@ -13,7 +13,7 @@ from optim.comparison.conclusion import conclusion
 from optim.comparison.profiles import budgets_of, profile
 from optim.comparison.running_time import LEVEL, PRECISIONS, running_time, target_of
 from optim.comparison.statistics import statistics
-from optim.json_values import plain
+from optim.json_files import plain
 from optim.methods.run_method import MethodOutcome
 from optim.problem.objectives import OBJECTIVE, reading
 from optim.problem.problem import EvaluationCost

@@ -9,7 +9,7 @@ from typing import Any
 from optim.comparison.benchmark_problem import ProblemComparison
 from optim.comparison.compare import Comparison
 from optim.comparison.report import to_data
-from optim.json_values import write_json
+from optim.json_files import write_json
 from spacerobot.common.files import StrPath
 from spacerobot.result import Result
 from spacerobot.simulation import simulate_designs

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from optim.comparison.statistics import statistics
-from optim.json_values import write_json
+from optim.json_files import write_json
 from optim.methods.evolutionary import evolve
 from optim.methods.settings import EvolutionSettings
 from optim.problem.problem import OptimisationProblem

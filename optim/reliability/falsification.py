@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from optim.campaign.sampling.samplers import probabilities, quantiles
-from optim.json_result import JsonResult
+from optim.json_files import JsonResult
 from optim.methods.nlp import GRADIENT
 from optim.methods.run_method import run_method
 from optim.methods.settings import Effort, EvolutionSettings, NlpSettings

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from optim.json_result import JsonResult
+from optim.json_files import JsonResult
 from optim.reliability.design_points import DesignPointSearch, search_design_points
 from optim.reliability.estimator import ProbabilityEstimate, ProbabilityEstimator, SamplingEffort
 from optim.reliability.limit_state import CountedLimitState, build_limit_state

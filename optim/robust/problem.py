@@ -26,7 +26,7 @@ from optim.campaign.sampling.parameter_space import (
     resolve_space,
 )
 from optim.campaign.sampling.samplers import draw
-from optim.json_result import write_design
+from optim.json_files import write_design
 from optim.methods.run_method import MethodOutcome, refuse_periods, run_method, stored_number
 from optim.methods.settings import Effort, stated_effort
 from optim.problem import worker_operations

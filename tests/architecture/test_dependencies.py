@@ -111,8 +111,7 @@ ELEMENTS = {
 """Packages of elements that each of them may import."""
 
 BUILT_ON = {
-    "optim.json_values": set(),
-    "optim.json_result": {"optim.json_values"},
+    "optim.json_files": set(),
     "optim.workers": set(),
     "optim.problem": {"optim.workers"},
     "optim.evaluation": {"optim.problem"},
@@ -130,7 +129,7 @@ BUILT_ON = {
         "optim.planning.transcription",
     },
     "optim.planning.search": {
-        "optim.json_values",
+        "optim.json_files",
         "optim.problem",
         "optim.workers",
         "optim.planning.formulation",
@@ -146,7 +145,7 @@ BUILT_ON = {
         "optim.planning.search",
     },
     "optim.planning.output": {
-        "optim.json_values",
+        "optim.json_files",
         "optim.problem",
         "optim.planning.formulation",
         "optim.planning.transcription",
@@ -162,16 +161,16 @@ BUILT_ON = {
         "optim.planning.search",
         "optim.problem",
     },
-    "optim.identification": {"optim.json_result"},
+    "optim.identification": {"optim.json_files"},
     "optim.reliability": {
-        "optim.json_result",
+        "optim.json_files",
         "optim.problem",
         "optim.search",
         "optim.methods",
         "optim.evaluation",
         "optim.campaign.sampling",
     },
-    "optim.tuning": {"optim.json_values", "optim.problem", "optim.search", "optim.methods", "optim.workers"},
+    "optim.tuning": {"optim.json_files", "optim.problem", "optim.search", "optim.methods", "optim.workers"},
     "optim.campaign.sampling": {"optim.problem"},
     "optim.campaign.rollouts": {"optim.problem", "optim.campaign.sampling"},
     "optim.campaign.store": {"optim.campaign.rollouts"},
@@ -189,7 +188,7 @@ BUILT_ON = {
         "optim.campaign.analysis",
     },
     "optim.robust": {
-        "optim.json_values",
+        "optim.json_files",
         "optim.problem",
         "optim.search",
         "optim.methods",
@@ -198,7 +197,7 @@ BUILT_ON = {
         "optim.campaign.analysis",
     },
     "optim.comparison": {
-        "optim.json_values",
+        "optim.json_files",
         "optim.problem",
         "optim.search",
         "optim.methods",

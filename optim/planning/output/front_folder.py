@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from optim.json_values import plain, write_json
+from optim.json_files import plain, write_json
 from optim.planning.formulation.costs import headings
 from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan

@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 import xarray as xr
 
-from optim.json_values import write_json
+from optim.json_files import write_json
 from optim.planning.formulation.base_actuation import limiting_actuators
 from optim.planning.formulation.formulate import plan_section
 from optim.planning.formulation.grasps import wrench_axes

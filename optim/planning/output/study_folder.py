@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from optim.json_values import plain, write_json
+from optim.json_files import plain, write_json
 from optim.planning.output.plan_folder import summary
 from optim.planning.output.plan_folder import write as write_plan
 from optim.planning.studies.design_study import DesignStudy

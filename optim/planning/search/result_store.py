@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.json_values import plain
+from optim.json_files import plain
 from optim.planning.formulation.link_pairs import Collision
 from optim.planning.search.plan_solver import SolveRequest, SolveResult, SolverRun
 from optim.planning.solver.ipopt import TIME_LIMIT, Solution

@@ -1,19 +1,43 @@
-"""Results that are one JSON file, alone or beside the scenario of a design."""
+"""JSON files: values as JSON takes them, results that are one file, designs beside their scenario."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from optim.json_values import write_json
+import numpy as np
+
 from spacerobot.common.files import StrPath, readable, write_text
 from spacerobot.common.tables import Tabular
 from spacerobot.result import check_folder
 from spacerobot.result.store import SCENARIO
 from spacerobot.scenario.load import to_yaml
 from spacerobot.scene import Scene
+
+
+def plain(value: Any) -> Any:
+    """Plain lists, mappings and numbers; what is no number is None."""
+    if isinstance(value, dict) or hasattr(value, "items"):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def write_json(path: StrPath, value: Any) -> None:
+    """Write a value as :func:`plain` makes it to a JSON file.
+
+    Raises:
+        ResultError: If it cannot be written.
+    """
+    write_text(path, json.dumps(plain(value), indent=1, allow_nan=False) + "\n")
 
 
 class JsonResult(Tabular):
