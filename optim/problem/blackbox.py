@@ -14,8 +14,7 @@ from optim.problem.tuning_problem import DerivedProblem
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.result import Result
-from spacerobot.result.dataset import build_dataset
-from spacerobot.result.summary import build_summary
+from spacerobot.result.assembly import build_result
 from spacerobot.rollout import Rollout, build_rollout
 
 ResultObjective = Callable[[Result], float]
@@ -45,9 +44,7 @@ class ResultProblem(DerivedProblem):
         for i, point in enumerate(u):
             trajectory = self._rollout.run(variables.as_changes(variables.values(point)))
             if trajectory.status == "completed":
-                data = build_dataset(scene, trajectory, self.nominal.loop)
-                result = Result(scene.scenario, data, build_summary(scene, data, trajectory, {}, {}))
-                scores[i] = self.score(result)
+                scores[i] = self.score(build_result(scene, self.nominal.loop, trajectory))
         return Evaluation(scores, constraints)
 
     def linearise_all(self, u: Array) -> list[Linearisation]:

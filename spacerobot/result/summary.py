@@ -40,7 +40,7 @@ def build_summary(
     trajectory: Trajectory,
     timing: Mapping[str, float],
     notes: Mapping[str, str],
-    events: Sequence[Mapping[str, Any]] = (),
+    events: Sequence[Mapping[str, Any]],
 ) -> Summary:
     """Build the summary of a simulation: status, headline numbers, ledger, timing, assumptions and versions.
 

@@ -22,8 +22,9 @@ from spacerobot.common.arrays import Array
 from spacerobot.common.errors import ScenarioError
 from spacerobot.common.files import StrPath
 from spacerobot.common.optional import optional_module
-from spacerobot.elements.environments.orbit import MU
 
+MU = 3.986004418e14
+"""Gravitational parameter of the Earth [m^3/s^2], the orbit environment's default."""
 INERTIAL = ("TEME", "EME2000", "ICRF", "GCRF", "J2000", "TOD", "MOD")
 """Inertial frames of ephemeris messages."""
 NEIGHBOURS = 8

@@ -18,10 +18,9 @@ from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
 from spacerobot.common.errors import DivergedError
 from spacerobot.common.files import StrPath
 from spacerobot.result import Result
+from spacerobot.result.assembly import build_result
 from spacerobot.result.dataset import build_dataset
-from spacerobot.result.events import build_events
 from spacerobot.result.metrics import fastest_joint
-from spacerobot.result.summary import build_summary
 from spacerobot.result.trust import fast_words
 from spacerobot.rollout import (
     Measures,
@@ -246,18 +245,17 @@ def _result(run: _Run, loop: ClosedLoop, begin: float, built: float) -> Result:
                 diverged_at_s=float(trajectory.time[good][-1]),
             )
     done = time.perf_counter()
-    data = build_dataset(run.scene, trajectory, loop)
     timing = {
         "closed_loop": built - begin,
         "compile_or_load": run.ready - built,
         "rollout": trajectory.wall_s,
         "total": done - begin,
     }
-    events = build_events(run.scene, loop, trajectory.events)
-    summary = build_summary(run.scene, data, trajectory, timing, run.notes, events)
-    summary.update(run.entries)  # type: ignore[typeddict-item]
-    samples = data if run.every == 1 else data.isel(time=slice(None, None, run.every))
-    return Result(run.scene.scenario, samples, summary)
+    result = build_result(run.scene, loop, trajectory, timing, run.notes)
+    result.summary.update(run.entries)  # type: ignore[typeddict-item]
+    if run.every == 1:
+        return result
+    return dataclasses.replace(result, data=result.data.isel(time=slice(None, None, run.every)))
 
 
 @dataclass(frozen=True)

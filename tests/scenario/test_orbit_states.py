@@ -7,8 +7,7 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.common.errors import ScenarioError
-from spacerobot.elements.environments.orbit import MU
-from spacerobot.scenario.orbit_states import read_orbit, rendezvous_start
+from spacerobot.scenario.orbit_states import MU, read_orbit, rendezvous_start
 
 # case of Vallado's verification of SGP4 (AIAA 2006-6753): state in TEME at 0 min [km, km/s]
 TLE = (

@@ -17,8 +17,6 @@ from spacerobot.elements.core.registry import register
 from spacerobot.elements.environments.environment import Environment, EnvironmentContext, Load
 from spacerobot.elements.references.reference import DEGREE
 
-MU = 3.986004418e14
-"""Gravitational parameter of the Earth [m^3/s^2]."""
 _ITERATIONS = 7  # exact to rounding up to an eccentricity of 0.999
 
 
@@ -64,7 +62,7 @@ class Orbit(Environment):
     eccentricity: float = quantity("1", "of the reference orbit; 0 is a circle", default=0.0, ge=0, le=0.999)
     true_anomaly_deg: float = quantity("deg", "true anomaly at the start", default=0.0)
     gravitational_parameter: float = quantity(
-        "m^3/s^2", "mu of the planet; the Earth's if not given", default=MU, gt=0
+        "m^3/s^2", "mu of the planet; the Earth's if not given", default=3.986004418e14, gt=0
     )
     planet_radius: float = quantity(
         "m", "of the planet's surface; the Earth's equator if not given", default=6378137.0, gt=0

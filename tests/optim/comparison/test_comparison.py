@@ -195,6 +195,14 @@ def test_a_saved_comparison_is_loaded_and_copied(found, tmp_path):
         sr.load(tmp_path / "copy")
 
 
+def test_a_python_function_of_a_result_sees_events(small, interpreted):
+    phases = {"first": {"until": {"time": 0.1}}, "second": {}}
+    problem = ResultProblem(
+        build_problem(small(phases=phases), variables=["kd"]), lambda result: len(result.summary["events"])
+    )
+    assert problem.evaluate(problem.start[None]).objective == [1]
+
+
 def test_a_python_function_of_a_result_serves_the_ga(small, interpreted, tmp_path):
     def score(result):
         return result.summary["tip_error"]["arm/tip"]["norm"]["rms_m"]
