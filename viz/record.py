@@ -53,6 +53,8 @@ GIF_COLOURS = {Image.Quantize.MEDIANCUT: 48, Image.Quantize.MAXCOVERAGE: 32}
 """Colours of a GIF by how they are chosen: frequent ones for surfaces, ones far apart for thin lines."""
 
 _UNSEEN = 12  # of 255, in each channel
+COARSE_MM = 0.5
+"""Largest tip error [mm] from which two decimals of it are printed."""
 _LONGEST_S = 20
 _MP4_FILTERS = "pad=ceil(iw/2)*2:ceil(ih/2)*2,tpad=stop_mode=clone:stop_duration=1"
 _LONGEST_ARROW = 0.06  # as a share of the scene's size
@@ -199,7 +201,8 @@ class Frames:
         row, data = int(self.motion.rows[index]), self.result.data
         for k, tip in enumerate(self.result.led_tips):
             error = np.linalg.norm(data.tip_error.sel(tip=tip).values[row]) * 1e3
-            text = f"{tip} error {error:.2f} mm"
+            digits = 2 if self.largest_error_mm >= COARSE_MM else 4
+            text = f"{tip} error {error:.{digits}f} mm"
             panel.text(0.015, 0.89 - 0.055 * k, text, fontsize=9, color=COLOURS[k % 2], **at)
         legend = "dashed: where bodies began" + (" and references of tips" if self.result.led_tips else "")
         kinds = [kind for kind in ("grasp", "contact") if data.sizes.get(kind)]
@@ -212,6 +215,12 @@ class Frames:
             panel.text(0.5, 0.5, "diverged", transform=panel.transAxes, **end)
         canvas.draw()
         return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+    @cached_property
+    def largest_error_mm(self) -> float:
+        """Largest tip error of the result [mm]; 0 without controlled tips."""
+        errors = self.result.data.tip_error.sel(tip=list(self.result.led_tips)).values
+        return float(np.nanmax(np.linalg.norm(errors, axis=-1), initial=0.0)) * 1e3
 
     @cached_property
     def newtons(self) -> float:

@@ -73,13 +73,14 @@ def _elsewhere(benchmark: Data, precision: float, target: int, first: str, winne
     behind = benchmark["methods"][first]["running_times"][target]
     # the larger part of the cost: runs that meet the target, or runs that do not
     if not behind["met"]:
-        return f"{where}, {winner} ({first} meets it in none of {behind['runs']} runs)"
-    text = f"{ahead['expected']:.0f} rollouts against {behind['expected']:.0f}: "
+        return f"{where}, {winner} ({first} reaches it in none of {behind['runs']} runs)"
+    unit = "rollout" if f"{ahead['expected']:.0f}" == "1" else "rollouts"
+    text = f"{ahead['expected']:.0f} {unit} against {behind['expected']:.0f}: "
     wasted = [time["expected"] - time["until_met"] for time in (ahead, behind)]
     if wasted[1] - wasted[0] > behind["until_met"] - ahead["until_met"]:
-        text += f"{first} meets it in {behind['met']} of {behind['runs']} runs, {winner} in {ahead['met']}"
+        text += f"{first} reaches it in {behind['met']} of {behind['runs']} runs, {winner} in {ahead['met']}"
         text += f" of {ahead['runs']}"
     else:
-        text += f"{first} needs more until it meets it"
+        text += f"runs of {first} take longer to reach the target"
     overlap = ahead["high"] is None or behind["low"] is None or behind["low"] <= ahead["high"]
     return f"{where}, {winner} ({text}{', intervals overlap' if overlap else ''})"

@@ -116,7 +116,8 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
         place: dict[str, Any] = (
             {"ha": "left", "va": "top"} if across < 0.55 else {"ha": "right", "va": "center"}
         )
-        panel.annotate(told, (value, level), fontsize=7, color="0.25", **place)
+        behind = {"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.5}
+        panel.annotate(told, (value, level), fontsize=7, color="0.25", bbox=behind, zorder=1.5, **place)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set(
         xlabel=f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]",

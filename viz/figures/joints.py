@@ -7,7 +7,7 @@ import numpy as np
 from spacerobot.common.tables import unit_scale
 from spacerobot.result import Result
 from viz.figures.kind import figure
-from viz.figures.style import COLOURS, DASHES, Drawing, legend_beside, panels, styled, until
+from viz.figures.style import COLOURS, DASHES, Drawing, below_last, legend_beside, panels, styled, until
 
 _NAME_IN = 0.17
 """Height of a joint's name in the legend."""
@@ -43,5 +43,6 @@ def joints(result: Result) -> Drawing:
             if not result.completed:
                 calm = np.abs(values.values[: max(2, int(0.8 * len(values)))] * scale).max()
                 panel.set_ylim(-2 * calm - 1e-9, 2 * calm + 1e-9)
+    below_last(axes)
     legend_beside(figure, axes)
     return figure

@@ -21,6 +21,8 @@ from viz.figures.style import (
     COLOURS,
     DASHES,
     Drawing,
+    below_last,
+    legend_above,
     legend_beside,
     line,
     panel_grid,
@@ -79,6 +81,7 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
             _near_limits(panel, limits, short)
             shade(panel, _phases(plan), named=panel is axes[0, 0])
             panel.set(title=f"{robot}, {words}", ylabel=f"[{unit}]", xlabel="time [s]")
+    below_last(axes)
     legend_beside(figure, axes)
     return figure
 
@@ -120,6 +123,7 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
             data = flown.data.sel(time=slice(0.0, float(time[-1])))
             other = base_motion(data, robot)[part == "t"][:, columns]
             row[0].plot(data.time.values, other * unit_scale(units[0])[0], **FLOWN)
+    below_last(axes)
     legend_beside(figure, axes)
     return figure
 
@@ -172,8 +176,10 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
         shade(panel, _phases(plan))
         panel.set_title(textwrap.fill(name, 48), fontsize=7.5)
         panel.set(ylabel=f"[{unit}]", xlabel="time [s]")
+    below_last(axes)
     if axes.size > len(names):
         for above in axes[-2:-1, 1]:  # the last of its column
+            above.set_xlabel("time [s]")
             above.tick_params(labelbottom=True)
     return figure
 
@@ -199,7 +205,7 @@ def convergence(solves: list[Mapping[str, Any]]) -> Drawing:
     ):
         panel.set(title=title, xlabel="iteration", yscale="log")
         panel.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")
-    axes[0, 0].legend(fontsize=7)
+    legend_above(figure, axes[0, 0], columns=2)
     return figure
 
 

@@ -193,8 +193,8 @@ def _matters(summary: Mapping[str, Any]) -> str:
     texts = []
     if "rank_correlation" in kinds:
         texts.append(
-            "Numbers in brackets are rank correlations: +1, it grows whenever the parameter does; 0, no "
-            "relation; -1, it falls. What could be chance is left out."
+            "Numbers in brackets are rank correlations, from -1 (the metric always falls as the parameter "
+            "grows) to +1 (it always grows). Correlations that could be due to chance are left out."
         )
     if "sobol" in kinds:
         texts.append("Shares of the variance are total Sobol' indices; they add up to more than 100 %.")

@@ -147,10 +147,10 @@ def against_the_paper(subject: Subject) -> str | None:
             row.append(f"{_span((low, high))} {verdict if has_amnesia else ''}".strip())
         rows.append(row)
     note = (
-        "<p>Errors are reference minus position, least .. greatest over the run. With PID alone the paper "
-        f"speaks of {PID_ONLY_MM:g} mm (section 5), without saying of which tip or axis; results without the "
-        "amnesia controller are therefore not held against Fig. 7. The paper's bands are the "
-        "numbers that its text prints.</p>"
+        "<p>Errors are reference minus position, minimum .. maximum over the run. For PID alone the paper "
+        f"gives {PID_ONLY_MM:g} mm (section 5) without tip and axis. Results without the amnesia controller "
+        "are therefore not compared with Fig. 7. The numbers of the paper are those printed in its "
+        "text.</p>"
     )
     return table(headings, rows) + note
 

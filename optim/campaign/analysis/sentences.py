@@ -11,8 +11,8 @@ from spacerobot.quantities import limited, quantities
 HOW = {
     "rises": "grows with {}",
     "falls": "falls as {} grows",
-    "away": "grows as {} leaves its middle on either side",
-    "middle": "falls as {} leaves its middle on either side",
+    "away": "grows as {} departs from the middle of its range",
+    "middle": "falls as {} departs from the middle of its range",
     "share": "varies with {}",
 }
 SAID = 4  # parameters that a sentence names
@@ -138,8 +138,8 @@ def stepping(summary: Mapping[str, Any]) -> str | None:
     if not names:
         return None
     return (
-        f"A sensor's offset ({names}) is there from t = 0 on, while the initial state knows nothing of it: "
-        "the controllers meet it as a step."
+        f"A sensor's offset ({names}) acts from t = 0 on. The initial state does not account for it, so that "
+        "controllers see a step."
     )
 
 

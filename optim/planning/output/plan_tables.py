@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spacerobot.common.tables import Table
+from spacerobot.common.tables import Table, unit_scale
 
 Summary = Mapping[str, Any]
 
@@ -94,10 +94,10 @@ def replay_table(summary: Summary) -> Table | None:
 
 def violation_table(summary: Summary) -> Table | None:
     """Table of limit violations between mesh points; None if there are none."""
-    rows = [
-        [one["name"], f"{one['amount']:.2g} {one['unit']}", f"{one['allowed']:.2g} {one['unit']}"]
-        for one in summary["verification"]["violations"]
-    ]
+    rows = []
+    for one in summary["verification"]["violations"]:
+        factor, unit = unit_scale(one["unit"])
+        rows.append([one["name"], *(f"{factor * one[key]:.2g} {unit}" for key in ("amount", "allowed"))])
     heads = ("limit", "largest violation", "allowed")
     return Table("limits between the points of the mesh", heads, rows) if rows else None
 

@@ -106,11 +106,11 @@ def test_the_verdict_says_who_is_ahead_where_and_why():
     assert said.startswith(
         "nlp has the lowest expected running time to 1 % on 1 and to 0.1 % on 3 of 3 benchmark problems"
     )
-    assert "two to 1 %, ga (50 rollouts against 80: nlp needs more until it meets it)" in said
-    assert "three to 1 %, ga (50 rollouts against 90: nlp meets it in 2 of 5 runs, ga in 5 of 5)" in said
+    assert "two to 1 %, ga (50 rollouts against 80: runs of nlp take longer to reach the target)" in said
+    assert "three to 1 %, ga (50 rollouts against 90: nlp reaches it in 2 of 5 runs, ga in 5 of 5)" in said
     problems[1]["methods"]["nlp"] = times(None, None, None, met=0)
     problems.append(problems[0] | {"name": "four"})
-    assert "two to 1 %, ga (nlp meets it in none of 5 runs)" in conclusion(
+    assert "two to 1 %, ga (nlp reaches it in none of 5 runs)" in conclusion(
         {"precisions": [0.1, 0.01, 0.001], "problems": problems}
     )
     alone = [{"name": "one", "methods": {"nlp": times(70, 80, 90)}}]

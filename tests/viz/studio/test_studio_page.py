@@ -219,7 +219,7 @@ def test_what_cannot_be_is_said_and_the_motion_stays(opened):
     assert page.evaluate("document.body.dataset.drawn") == "1"
     assert page.evaluate(METRIC) == metric
     page.evaluate(typed.format("1e12", FIELD))
-    page.wait_for("!/^(rolled out|rolling out)/.test(document.getElementById('status').textContent)")
+    page.wait_for("!/^(simulated|simulating)/.test(document.getElementById('status').textContent)")
     assert page.evaluate("document.querySelectorAll('#pane canvas').length") == 1
     page.evaluate(f"{KEY}('z', false)")
     page.wait_for(f"{METRIC} === {metric!r}")

@@ -5,6 +5,6 @@ import { Studio } from "./studio.js";
 
 const player = new Player();
 player.load(JSON.parse($("payload").textContent)); // the scene as it begins
-player.busy.say("simulating the motion; the first time its model is compiled");
+player.busy.say("simulating the motion");
 new Studio(player, `ws://${location.host}/studio${location.search}`);
 document.body.dataset.ready = "true";

@@ -212,8 +212,8 @@ export class Studio {
     if (known?.message) this.say(`This design has no result: ${known.message} The previous motion remains.`);
     else if (known) {
       const { seconds: { rollout } } = known, lasted = rollout < 1 ? `${digits(1e3 * rollout)} ms` : `${digits(rollout)} s`;
-      this.say(known.words || `rolled out in ${lasted}`);
-    } else this.say("rolling out", true);
+      this.say(known.words || `simulated in ${lasted}`);
+    } else this.say("simulating", true);
   }
 
   say(text, busy = false) {
@@ -258,6 +258,7 @@ export class Studio {
     this.resting = setTimeout(() => {
       this.asked = asked;
       this.wire.send({ type: "gradient", seq: this.rollouts.seq, metric: this.metric, paths, values: designs.now });
+      this.point();
     }, 120);
   }
 
@@ -281,7 +282,7 @@ export class Studio {
   get doubt() {
     const { slopes: { status }, pieces } = this;
     if (status === "differences") return `Sensitivities (change for +10 %) are finite differences of rollouts until exact gradients are compiled${pieces ? ` (${pieces})` : ""}.`;
-    if (!status) return "";
+    if (!status) return this.asked && this.asked === this.slopes.of ? "Sensitivities (change for +10 %) are being computed." : "";
     return status === "exact" ? "" : `Sensitivities (change for +10 %) may be inaccurate: ${status.replace(/^inaccurate: /, "")}.`;
   }
 
