@@ -122,7 +122,7 @@ def test_panels_keep_their_widths_whatever_the_joints_and_constraints_are_called
             shown = panel._left_title.get_window_extent()
             assert shown.x1 <= figure.bbox.x1
     below = [
-        panel.xaxis.get_tick_params()["labelbottom"] for panel in constraints.axes if panel.get_visible()
+        panel.xaxis.get_tick_params()["labelbottom"] for panel in constraints.axes if panel.axison
     ]
     assert below[-2:] == [True, True]  # each column ends with numbers
 
@@ -142,7 +142,7 @@ def test_figures_of_a_plan_fit_one_column(folders, tmp_path):
 
 def test_distances_and_cones_are_drawn_with_their_limits(folders):
     plan, _ = read(folders[0])
-    titles = [panel.get_title("left") for panel in plan_constraints(plan).axes if panel.get_visible()]
+    titles = [panel.get_title("left") for panel in plan_constraints(plan).axes if panel.axison]
     assert titles == ["base rotation of one", "apart: end to ball", "mate: off the cone's axis"]
     turned = plan.constraint.sel(constraint_name="base rotation of one").values
     assert turned.max() == pytest.approx(np.radians(0.4), rel=1e-6)
