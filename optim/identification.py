@@ -252,10 +252,10 @@ class _Momentum:
         if impulses:
             total = total - np.hstack([result.array(name)[chosen] for name in impulses])
         # momentum of wheels less the impulse from outside, about the world's origin (6,), of each sample
-        self.given = total - np.array([_momentum_of(model, data, q, v) for q, v in self.states])
+        self.held_momentum = total - np.array([_momentum_of(model, data, q, v) for q, v in self.states])
 
     @property
-    def own(self) -> list[int]:
+    def measured_places(self) -> list[int]:
         """Places in v that the robots' sensors measure: all but the object's."""
         joint = self.scene.model.joints[self.target.root_joint]
         return [i for i in range(self.scene.model.nv) if not 0 <= i - joint.idx_v < joint.nv]
@@ -272,7 +272,7 @@ class _Momentum:
                 deviations[joint.idx_v : joint.idx_v + joint.nv] = (
                     base + [(noise.attitude, noise.rate)] * turning
                 )
-        hidden = np.setdiff1d(np.arange(model.nv), self.own)
+        hidden = np.setdiff1d(np.arange(model.nv), self.measured_places)
         deviations[hidden] = 0.0
         return deviations.T.ravel() ** 2
 
@@ -302,7 +302,7 @@ class _Momentum:
         """
         nv, (columns, _, rows) = self.scene.model.nv, self.places
         slopes = np.zeros((2 * nv, len(rows), len(columns) + 1))
-        for column in [*self.own, *(i + nv for i in self.own)]:
+        for column in [*self.measured_places, *(i + nv for i in self.measured_places)]:
             step = np.zeros(2 * nv)
             step[column] = STEP
             up, down = (
@@ -355,7 +355,7 @@ def _regression(
     measured: _Momentum, states: list[tuple[Array, Array]], variance: Array
 ) -> tuple[Array, Array]:
     """Parameters and total momentum (16,), and their covariance (16, 16); of 7 in a plane."""
-    pairs = list(zip(states, measured.given, strict=True))
+    pairs = list(zip(states, measured.held_momentum, strict=True))
     parts = np.array([np.column_stack(measured.balance(x, momentum)) for x, momentum in pairs])
     count = len(measured.places[0])
     total = np.tile(-np.eye(parts.shape[1]), (len(parts), 1, 1))

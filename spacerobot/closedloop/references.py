@@ -42,9 +42,9 @@ class TipGuidance:
             sensor.
         is_exact: Function that returns whether the sensor of a signal always shows the true signal.
         estimators: Contribution of the robot's estimators.
-        kept: States that store the instant, pose and motion with which the present reference began, by
+        initial: States that store the instant, pose and motion with which the present reference began, by
             a short name.
-        seen: Further stored states by name, with their expressions at that instant.
+        stored: Further states by name, with their expressions at that instant.
         held: Last measurements of sensors, by the state's name.
         samples: The same measurements, and readings of continuous sensors with errors, as vectors (3x1), by
             signal and path of the reference.
@@ -59,8 +59,8 @@ class TipGuidance:
     measure: Callable[[str, str, Observation], Measurement | None]
     is_exact: Callable[[str], bool]
     estimators: Contribution = field(default_factory=Contribution)
-    kept: dict[str, State] = field(default_factory=dict)
-    seen: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
+    initial: dict[str, State] = field(default_factory=dict)
+    stored: dict[str, tuple[State, ca.SX]] = field(default_factory=dict)
     held: dict[str, Measurement] = field(default_factory=dict)
     samples: dict[tuple[str, str], ca.SX] = field(default_factory=dict)
 
@@ -124,7 +124,7 @@ class TipGuidance:
             held=functools.partial(self._measured_last, context.path),
         )
 
-    def _measured_last(self, path: str, signal: str, shown: ca.SX, origin: ca.SX | None = None) -> ca.SX:
+    def _measured_last(self, path: str, signal: str, reading: ca.SX, origin: ca.SX | None = None) -> ca.SX:
         """Reading of a sensor, or its last sample if it is held; constant entries stay constant."""
         name = f"{self.tip.label}.{path}.{signal}"
         if name not in self.held:
@@ -132,14 +132,14 @@ class TipGuidance:
             away = None
             if self.root is not None:
                 away = ca.norm_2(ca.densify(self.plant.placement(self.root)[1] - frame))
-            origin = None if origin is None else changing(shown, origin)
-            measurement = self.measure(signal, name, Observation(changing(shown), away, origin=origin))
+            origin = None if origin is None else changing(reading, origin)
+            measurement = self.measure(signal, name, Observation(changing(reading), away, origin=origin))
             if measurement is None:
                 if not self.is_exact(signal):
-                    self.samples[signal, path] = shown
-                return shown
+                    self.samples[signal, path] = reading
+                return reading
             self.held[name] = measurement
-        self.samples[signal, path] = filled(shown, self.held[name].known)
+        self.samples[signal, path] = filled(reading, self.held[name].known)
         return self.samples[signal, path]
 
     @property
@@ -172,11 +172,11 @@ class TipGuidance:
     def _remembered(self, path: str, name: str, value: ca.SX) -> ca.SX:
         """Expression of the state at the start of the present reference; constant entries stay constant."""
         label = f"{self.tip.label}.begun.{path}.{name}"
-        if label not in self.seen:
+        if label not in self.stored:
             entries = changing(value)
             # # states of a filter, which are not memory states, would count as zero in initial values
-            self.seen[label] = memory(label, self._first_estimates(entries)), entries
-        return filled(value, self.seen[label][0].symbol)
+            self.stored[label] = memory(label, self._first_estimates(entries)), entries
+        return filled(value, self.stored[label][0].symbol)
 
     def _first_twist(self) -> tuple[ca.SX, ca.SX]:
         """Velocity and spin of the tip at the start (3x1 each)."""
@@ -207,10 +207,10 @@ class TipGuidance:
 
     def _symbol(self, key: str) -> ca.SX:
         """Symbol of the state stored under a name; without the entries that cannot change."""
-        if key not in self.kept:
+        if key not in self.initial:
             first = ca.SX.zeros(1) if key == "since" else self._values(None)[key][self._axes(key)]
-            self.kept[key] = memory(f"{self.tip.label}.begun.{key}", first)
-        return self.kept[key].symbol
+            self.initial[key] = memory(f"{self.tip.label}.begun.{key}", first)
+        return self.initial[key].symbol
 
     def _vector(self, key: str) -> ca.SX:
         """Stored vector (3x1)."""
@@ -258,15 +258,17 @@ class TipGuidance:
         if before == after:
             return {}, {}
         values = self._values(None if at_pose else self.motions[before])
-        updates = {state.name: ca.densify(values[key][self._axes(key)]) for key, state in self.kept.items()}
-        updates |= {state.name: value for state, value in self.seen.values()}
+        updates = {
+            state.name: ca.densify(values[key][self._axes(key)]) for key, state in self.initial.items()
+        }
+        updates |= {state.name: value for state, value in self.stored.values()}
         return dict.fromkeys(self.sinces[after].jumps, False), updates
 
     @property
     def states(self) -> tuple[State, ...]:
         """States of the references and of held measurements."""
         held = (state for one in self.held.values() for state in one.states)
-        return (*self.kept.values(), *(state for state, _ in self.seen.values()), *held)
+        return (*self.initial.values(), *(state for state, _ in self.stored.values()), *held)
 
     @property
     def events(self) -> tuple[Event, ...]:

@@ -103,7 +103,7 @@ class TipWrench:
                 continue
             point = plant.placement(grasp.tip.frame)[1]
             for constraint, (force, torque) in zip(acting.constraints, solution.wrenches, strict=True):
-                if any(constraint is own for own in part.constraints):
+                if any(constraint is other for other in part.constraints):
                     reactions.append(Wrench(grasp.tip.joint, -force, -torque, point))
         for name in self.links:
             reactions.append(self._inertia_force(plant, context, acting.outside, solution.acceleration, name))

@@ -152,5 +152,5 @@ def _arguments(software: OnboardSoftware) -> str:
 
 def _helpers(text: str) -> Sequence[tuple[str, str]]:
     """Definitions of the generator's helpers that C99 lacks, by name."""
-    found = re.findall(r"^(casadi_real (casadi_\w+)\([^)]*\) \{.*?\}$)", text, re.MULTILINE | re.DOTALL)
-    return [(name, helper) for helper, name in found if name.removeprefix("casadi_") not in IN_C99]
+    functions = re.findall(r"^(casadi_real (casadi_\w+)\([^)]*\) \{.*?\}$)", text, re.MULTILINE | re.DOTALL)
+    return [(name, helper) for helper, name in functions if name.removeprefix("casadi_") not in IN_C99]

@@ -204,7 +204,10 @@ class ControlledFlight:
         record = _Record(begin, waiting=True)
         if self.controller.tick == 0:  # the first sample shows the state before sensors and controllers act
             record.add(
-                begin, self._parts(self.start)[1], self._piece(begin + COINCIDENT, shown=True), events=False
+                begin,
+                self._parts(self.start)[1],
+                self._piece(begin + COINCIDENT, exact_outputs=True),
+                events=False,
             )
             self.begin()
             record.take(self.fired)
@@ -215,7 +218,10 @@ class ControlledFlight:
             if last.status != "completed" or last.ended_at_s is not None:
                 return record.trajectory(last, grid)
         record.add(
-            until, self._parts(self.start)[1], self._piece(until + COINCIDENT, shown=True), events=False
+            until,
+            self._parts(self.start)[1],
+            self._piece(until + COINCIDENT, exact_outputs=True),
+            events=False,
         )
         return record.trajectory(last, grid)
 
@@ -238,7 +244,7 @@ class ControlledFlight:
                 record.add(
                     present,
                     self._parts(self.start)[1],
-                    self._piece(present + COINCIDENT, shown=True),
+                    self._piece(present + COINCIDENT, exact_outputs=True),
                     events=False,
                 )
             piece = self._piece(target)
@@ -275,13 +281,13 @@ class ControlledFlight:
         patterns = (outputs.jac_sparsity(i, 1) for i in range(outputs.n_out()))
         return any(columns & set(pattern.get_col()) for pattern in patterns)
 
-    def _piece(self, end: float, *, shown: bool = False) -> Trajectory:
+    def _piece(self, end: float, *, exact_outputs: bool = False) -> Trajectory:
         """Rollout of the plant from the present to a time; the stored state is unchanged.
 
-        With ``shown``, the outputs of its first sample are exact.
+        With ``exact_outputs``, the outputs of its first sample are exact.
         """
         start = self.start.copy()
-        if not shown:
+        if not exact_outputs:
             start[1 + self._clocks] = NEVER
         length = end - float(start[0])
         rollout = dataclasses.replace(self.rollout, grid=TimeGrid(length, 1, 1))

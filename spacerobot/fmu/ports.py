@@ -87,7 +87,7 @@ def find_ports(scene: Scene, loop: ClosedLoop, commands: Sequence[CommandInput] 
     Raises:
         SpaceRobotError: If two variables have the same name, or a name has a character that FMI forbids.
     """
-    outputs, whole, signals = _signals(scene, loop)
+    outputs, integers, signals = _signals(scene, loop)
     switches = [
         PlantVariable(structured(["switches", *name.split(".")]), "", "1 while it is on, else 0", place)
         for place, name in enumerate(loop.switch_names)
@@ -109,7 +109,7 @@ def find_ports(scene: Scene, loop: ClosedLoop, commands: Sequence[CommandInput] 
         outputs=tuple(_with_units(scene, outputs)),
         switches=tuple(switches),
         counts=tuple(counts),
-        whole=tuple(whole),
+        whole=tuple(integers),
         signals=signals,
     )
     names = [v.name for v in (*ports.parameters, *ports.inputs, *ports.outputs, *ports.integers)]
@@ -221,7 +221,7 @@ def _signals(scene: Scene, loop: ClosedLoop) -> tuple[list[PlantVariable], list[
     ]
     values = loop.outputs.call(arguments)
     outputs: list[PlantVariable] = []
-    whole: list[PlantVariable] = []
+    integers: list[PlantVariable] = []
     entries: list[ca.SX] = []
     for variable, value in zip(loop.variables, values, strict=True):
         keys = _labels(scene, variable, value.numel())
@@ -231,7 +231,7 @@ def _signals(scene: Scene, loop: ClosedLoop) -> tuple[list[PlantVariable], list[
             name, unit = structured([variable.name, *keys_of_entry]), variable.unit
             if variable.dims[:1] in (("joint",), ("driven_joint",)):
                 unit = _unit_of_joint(scene, unit, "/".join(map(str, keys_of_entry)))
-            listed = whole if variable.name in WHOLE else outputs
+            listed = integers if variable.name in WHOLE else outputs
             listed.append(PlantVariable(name, unit, variable.text, len(entries)))
             entries.append(entry)
     for name, unit, text, entry in _configuration(scene, arguments[1]):
@@ -239,7 +239,7 @@ def _signals(scene: Scene, loop: ClosedLoop) -> tuple[list[PlantVariable], list[
         entries.append(entry)
     names = ["t", "x", "c"]
     y = ca.densify(ca.vertcat(ca.SX(0, 1), *entries))
-    return outputs, whole, ca.Function("outputs", arguments, [y], names, ["y"], {"cse": True})
+    return outputs, integers, ca.Function("outputs", arguments, [y], names, ["y"], {"cse": True})
 
 
 def _unit_of_joint(scene: Scene, unit: str, label: str) -> str:

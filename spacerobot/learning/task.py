@@ -287,10 +287,10 @@ class SceneTask:
         return name
 
     def _quantity(self, name: str, option: str) -> Quantity:
-        known = quantities()
-        if name not in known:
-            raise self.scene.error(f"{option}: found '{name}', {near_names(name, known)}", "")
-        return known[name]
+        registered = quantities()
+        if name not in registered:
+            raise self.scene.error(f"{option}: found '{name}', {near_names(name, registered)}", "")
+        return registered[name]
 
     def _measures(self, loop: ClosedLoop) -> Measures:
         """Measures of a step: outputs at its end, and parts of the quantities of an episode."""

@@ -56,15 +56,15 @@ class MechanicalInputs:
         if key not in self.matrices:
             entries = zip(pattern.sparsity().row(), pattern.sparsity().get_col(), strict=True)
             places = [place for place in entries if not pattern[place].is_constant()]
-            symbol, found = ca.SX.sym("_".join(map(str, key)), len(places)), ca.SX(pattern)
+            symbol, matrix = ca.SX.sym("_".join(map(str, key)), len(places)), ca.SX(pattern)
             for number, place in enumerate(places):
-                found[place] = symbol[number]
+                matrix[place] = symbol[number]
             self._symbols.append(symbol)
             used = [self._read + i * pattern.size2() + j for i, j in places]
             self._used = np.concatenate([self._used, np.array(used, dtype=np.int64)])
             self._readers.append(read)
             self._read += pattern.numel()
-            self.matrices[key] = found
+            self.matrices[key] = matrix
         return self.matrices[key]
 
     @property

@@ -80,11 +80,14 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
             assumptions += [f"{tip.path}.{key}: {assumed}" for assumed in controller.assumptions()]
     for _, path, element in robot_elements(scene):
         assumptions += [f"{path}: {assumed}" for assumed in element.assumptions()]
-    let_go = {name for phase in scene.scenario.phases.values() for name in phase.releases}
+    released = {name for phase in scene.scenario.phases.values() for name in phase.releases}
     for grasp in scene.grasps:
         assumptions += [
             f"{grasp.path}: {sentence}"
-            for sentence in (*grasp.config.assumptions(), grasp.config.life(told=grasp.name in let_go))
+            for sentence in (
+                *grasp.config.assumptions(),
+                grasp.config.life(released_by_phase=grasp.name in released),
+            )
         ]
         if is_rigid(grasp) and grasp in open_grasps(scene):
             assumptions.append(

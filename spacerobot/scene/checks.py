@@ -251,7 +251,7 @@ def check_elements(scene: Scene) -> None:
             raise ScenarioError(message, source=scene.source, where=where)
     for body in scene.robots:
         # # elements that act on a fixed base, and controllers whose wrench on a base no actuator delivers
-        elements = [found for found in robot_elements(scene) if found[0] is body]
+        elements = [entry for entry in robot_elements(scene) if entry[0] is body]
         delivered = {
             part
             for _, _, element in elements

@@ -95,10 +95,10 @@ def read_files(document: Document, *, source: Path | None) -> None:
                 raise ScenarioError(f"no such file: {name!r} in the scenario's folder")
             section[str(kind.fills)] = kind.read(file, where, section.get("phase"))
         except ScenarioError as fault:
-            found = (
+            message = (
                 f"{fault.source.name}: {fault.message}" if isinstance(fault.source, Path) else fault.message
             )
-            raise ScenarioError(found, source=source, where=f"{where}.file") from None
+            raise ScenarioError(message, source=source, where=f"{where}.file") from None
 
 
 def forget_files(document: Document, before: Document) -> Document:
@@ -119,8 +119,8 @@ def _reading(document: Document) -> list[tuple[str, Document, type[Element]]]:
     reading = []
     for where, section in _sections(document):
         if "kind" in section and "file" in section:
-            found = (find_kind(family, str(section["kind"])) for family in FAMILIES)
-            reading += [(where, section, kind) for kind in found if kind is not None and kind.fills][:1]
+            kinds = (find_kind(family, str(section["kind"])) for family in FAMILIES)
+            reading += [(where, section, kind) for kind in kinds if kind is not None and kind.fills][:1]
     return reading
 
 

@@ -110,14 +110,14 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
         centre: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "va": "center"}
         panel.annotate(f"all of {len(every)} {spread.missing}", (0.5, 0.5), **centre, color=BAD)
     panel.set_ylim(0, 1.04)
-    for told, value, level in labels:
+    for note, value, level in labels:
         # on the side of the mark where there is more room
         across = panel.transAxes.inverted().transform(panel.transData.transform((value, level)))[0]
         place: dict[str, Any] = (
             {"ha": "left", "va": "top"} if across < 0.55 else {"ha": "right", "va": "center"}
         )
         behind = {"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.5}
-        panel.annotate(told, (value, level), fontsize=7, color="0.25", bbox=behind, zorder=1.5, **place)
+        panel.annotate(note, (value, level), fontsize=7, color="0.25", bbox=behind, zorder=1.5, **place)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0))
     panel.set(
         xlabel=f"{spread.quantity} [{spread.unit}]" if numbers else f"[{spread.unit}]",

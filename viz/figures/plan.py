@@ -98,27 +98,27 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
     drives, rows = [str(drive) for drive in plan.drive.values], list[tuple[str, str, list[str]]]()
     for base in dict.fromkeys(drive.rpartition(".")[0] for drive in drives):
         for part in ("f", "t"):
-            own = [drive for drive in drives if drive.startswith(f"{base}.{part}")]
-            rows += [(base.rpartition("/")[0], part, own)] if own else []
+            matching = [drive for drive in drives if drive.startswith(f"{base}.{part}")]
+            rows += [(base.rpartition("/")[0], part, matching)] if matching else []
     time, figure, axes = plan.time.values, *panels(len(rows), 3, sharex=True, height_in=2.4)
-    for row, (robot, part, own) in zip(axes, rows, strict=True):
+    for row, (robot, part, matching) in zip(axes, rows, strict=True):
         names = ("displacement", "velocity", "force") if part == "f" else ("rotation", "spin", "torque")
         units = ("m", "m/s", "N") if part == "f" else ("rad", "rad/s", "N m")
         moved = base_motion(plan, robot)[part == "t"]
-        columns = ["xyz".index(drive[-1]) if moved.shape[1] > 1 else 0 for drive in own]
-        rates, wrench = (plan[key].sel(drive=own).values for key in ("base_rate", "base_wrench"))
+        columns = ["xyz".index(drive[-1]) if moved.shape[1] > 1 else 0 for drive in matching]
+        rates, wrench = (plan[key].sel(drive=matching).values for key in ("base_rate", "base_wrench"))
         for panel, name, unit, values in zip(
             row, names, units, (moved[:, columns], rates, wrench), strict=True
         ):
             scale, unit_label = unit_scale(unit)
-            for k, drive in enumerate(own):
+            for k, drive in enumerate(matching):
                 panel.plot(time, values[:, k] * scale, label=drive[-1], **_look(k))
             panel.set(title=f"base of {robot}, {name}", ylabel=f"[{unit_label}]", xlabel="time [s]")
             shade(panel, _phases(plan), named=panel is axes[0, 0])
-        limits = plan.base_wrench_limit.sel(drive=own).values
+        limits = plan.base_wrench_limit.sel(drive=matching).values
         for k, own_limits in enumerate(limits):
             _held(row[2], time, wrench[:, k], own_limits)
-        _near_limits(row[2], limits, [drive[-1] for drive in own])
+        _near_limits(row[2], limits, [drive[-1] for drive in matching])
         if flown is not None:
             data = flown.data.sel(time=slice(0.0, float(time[-1])))
             other = base_motion(data, robot)[part == "t"][:, columns]

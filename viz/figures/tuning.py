@@ -44,8 +44,8 @@ def convergence(
     gaps = {}
     for name in names:
         steps = [np.asarray(run, dtype=np.float64).reshape(-1, 2) for run in runs[name]]
-        places = [np.searchsorted(own[:, 0], costs, side="right") for own in steps]
-        best = [np.concatenate([[np.inf], np.maximum(own[:, 1], FLOOR)]) for own in steps]
+        places = [np.searchsorted(step[:, 0], costs, side="right") for step in steps]
+        best = [np.concatenate([[np.inf], np.maximum(step[:, 1], FLOOR)]) for step in steps]
         gaps[name] = np.array([values[at] for values, at in zip(best, places, strict=True)])
     for k, (panel, name) in enumerate(zip(axes.flat, names, strict=False)):
         for other in names:

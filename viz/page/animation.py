@@ -79,36 +79,36 @@ def animation(
 
 
 def shown_data(
-    shown: Sequence[AnimatedResult], title: str | None = None, autoplay: bool = False
+    results: Sequence[AnimatedResult], title: str | None = None, autoplay: bool = False
 ) -> dict[str, Any]:
     """Data of a page for prepared results, without the side panel."""
-    meshes = Meshes(node for one in shown for node in one.motion.nodes)
+    meshes = Meshes(node for one in results for node in one.motion.nodes)
     # box around bodies and references, m
-    corners = [bounds(one.motion) for one in shown]
-    references = [one.result.array("tip_reference")[one.motion.rows].reshape(-1, 3) for one in shown]
+    corners = [bounds(one.motion) for one in results]
+    references = [one.result.array("tip_reference")[one.motion.rows].reshape(-1, 3) for one in results]
     low = np.vstack([*(lowest for lowest, _ in corners), *references]).min(axis=0)
     high = np.vstack([*(highest for _, highest in corners), *references]).max(axis=0)
     scale = float(np.linalg.norm(high - low))
-    force = max(greatest_force(one.result) for one in shown)
-    first = shown[0]
+    force = max(greatest_force(one.result) for one in results)
+    first = results[0]
     view = view_of(first.result, first.scene)
     if not first.scene.planar:
         view = limb_view(view, planet_data(first.result, first.motion.rows))
     # description of the shown results, for a reader who does not know the scenario
     engine = first.result.summary["engine"]["name"]
     scenario, kind = first.result.scenario, "planar" if first.scene.planar else "spatial"
-    simulated_s = max(float(one.result.array("time")[-1]) for one in shown)
+    simulated_s = max(float(one.result.array("time")[-1]) for one in results)
     words = f"{kind}, {simulated_s:.4g} s, simulated by {engine}"
-    if scenario.description and len({one.result.scenario.name for one in shown}) == 1:
+    if scenario.description and len({one.result.scenario.name for one in results}) == 1:
         words = f"{scenario.description} ({words})"
     # # warnings to display next to the picture
-    prefixes = [f"{one.label}: " if len(shown) > 1 else "" for one in shown]
+    prefixes = [f"{one.label}: " if len(results) > 1 else "" for one in results]
     lines = [
-        k + line for k, one in zip(prefixes, shown, strict=True) for line in notices(one.result, one.scene)
+        k + line for k, one in zip(prefixes, results, strict=True) for line in notices(one.result, one.scene)
     ]
     # points around what the tips do: the object, tips and references; none without tips
     near = list[Array]()
-    for one in shown:
+    for one in results:
         motion, target = one.motion, one.scene.target
         tips = [one.result.array(name)[motion.rows] for name in ("tip_reference", "tip_position")]
         points = [path.reshape(-1, 3) for path in tips]
@@ -121,7 +121,7 @@ def shown_data(
         # a tip that holds still would alone fill the view
         half = np.maximum(half, np.minimum(_NEAREST_SHARE * scale, (high - low) / 2))
         near += list(box_corners(middle, half))
-    labels = [one.label for one in shown]
+    labels = [one.label for one in results]
     heading = (
         f"{labels[0]} and {len(labels) - 1} others" if len(labels) > FIRST_SHOWN else " and ".join(labels)
     )
@@ -132,16 +132,16 @@ def shown_data(
         "planar": first.scene.planar,
         "backdrop": has_backdrop(first.scene),
         "towards": rounded(view.towards),
-        "shots": shots(shown[0].result, shown[0].scene, shown[0].motion, view, (low, high)),
+        "shots": shots(results[0].result, results[0].scene, results[0].motion, view, (low, high)),
         "box": [rounded(low), rounded(high)],
-        "reach": [rounded(point) for one in shown for point in extremes(one.motion, low, high)],
+        "reach": [rounded(point) for one in results for point in extremes(one.motion, low, high)],
         "near": [rounded(point) for point in near],
         "scale": scale,
         "longest_arrow": _ARROW_SHARE,
         "greatest_force": force,
         "autoplay": autoplay,
         "meshes": meshes.data(),
-        "runs": [run_data(one) | {"nodes": meshes.node_data(one.motion.nodes)} for one in shown],
+        "runs": [run_data(one) | {"nodes": meshes.node_data(one.motion.nodes)} for one in results],
     }
 
 
@@ -225,41 +225,41 @@ def still(scene: Scene, *, about: str | None = None) -> dict[str, Any]:
     }
 
 
-def run_data(shown: AnimatedResult) -> dict[str, Any]:
+def run_data(animated: AnimatedResult) -> dict[str, Any]:
     """Data of a run that depend on its numbers: all except its nodes."""
-    result, motion = shown.result, shown.motion
+    result, motion = animated.result, animated.motion
     rows = motion.rows
     tips = [str(tip) for tip in result.array("tip")]
     shown_over_time = quantities(result)
     finer = chart_rows(result, shown_over_time)
     error, led = result.array("tip_error")[finer], result.led_tips
     references, bodies = result.array("tip_reference")[rows], result.array("body_position")[rows]
-    target = shown.scene.target
-    node_joints, carrying = [node.joint for node in motion.nodes], [tip.joint for tip in shown.scene.tips]
+    target = animated.scene.target
+    node_joints, carrying = [node.joint for node in motion.nodes], [tip.joint for tip in animated.scene.tips]
     return {
-        "label": shown.label,
+        "label": animated.label,
         "completed": result.completed,
         "time": packed(motion.time),
         "poses": poses(motion),
-        **({"bent": {str(k): poses(one) for k, one in shown.bent.items()}} if shown.bent else {}),
+        **({"bent": {str(k): poses(one) for k, one in animated.bent.items()}} if animated.bent else {}),
         "tip_names": tips,
         "tips": packed(result.array("tip_position")[rows]),
         "references": [packed(references[:, k]) for k in range(len(tips))],
         "target": packed(bodies[:, list(result.array("body")).index(target.name)]) if target else None,
         "tip_nodes": [node_joints.index(joint) if joint in node_joints else 0 for joint in carrying],
-        "grasp_tips": [tips.index(grasp.tip.label) for grasp in shown.scene.grasps],
+        "grasp_tips": [tips.index(grasp.tip.label) for grasp in animated.scene.grasps],
         "forces": packed(result.array("grasp_force")[rows]),
         "mates": packed(motion.mates),
         "grips": grip_data(result, rows),
         "contacts": contact_data(result, rows),
         "plumes": plume_data(result, rows),
         "wheels": reaction_wheel_data(result, motion),
-        "masses": mass_data(result, shown.scene, motion),
+        "masses": mass_data(result, animated.scene, motion),
         "planet": planet_data(result, rows),
         "events": event_data(result),
         "fine_time": packed(result.array("time")[finer]),
         "errors": [packed(error[:, k]) if tip in led else None for k, tip in enumerate(tips)],
-        "quantities": signal_data(shown_over_time, finer, drawn_limits(shown.scene)),
+        "quantities": signal_data(shown_over_time, finer, drawn_limits(animated.scene)),
     }
 
 

@@ -140,7 +140,7 @@ def chart_rows(result: Result, shown: Iterable[PlottedQuantity]) -> Rows:
 
 
 def signal_data(
-    shown: Iterable[PlottedQuantity], rows: Rows, limits: Limits = NO_LIMITS
+    quantities: Iterable[PlottedQuantity], rows: Rows, limits: Limits = NO_LIMITS
 ) -> list[dict[str, Any]]:
     """Plain data of signals at some rows.
 
@@ -164,7 +164,7 @@ def signal_data(
                 for values in [signal.values[rows]]
             ],
         }
-        for quantity in shown
+        for quantity in quantities
     ]
 
 

@@ -75,7 +75,9 @@ def keep(
                 for path, file in files.items()
                 if Path(file).is_absolute() and Path(file).anchor == start.anchor
             }
-            text = edited(source.read_text(encoding="utf-8"), dict([*origin.given, *changes.items()]) | urdfs)
+            text = edited(
+                source.read_text(encoding="utf-8"), dict([*origin.changes_at_load, *changes.items()]) | urdfs
+            )
         try:
             read = {"name": scene.scenario.name} | parse_yaml(text or "")
             same = (
@@ -116,7 +118,7 @@ def place(folder: Path, name: str, ending: str) -> Path:
 def command_line(origin: Origin, changes: Mapping[str, Any], step_s: float | None = None) -> str:
     """Command that simulates a design; ``step_s`` is the step that the studio chose."""
     name = origin.name or (str(origin.scene.source) if origin.scene.source else origin.scene.scenario.name)
-    pairs = [*origin.given, *changes.items()]
+    pairs = [*origin.changes_at_load, *changes.items()]
     if step_s is not None:
         pairs.append(("simulation.step", step_s))
     words = ["spacerobot", "run", name, *plugin_options()]

@@ -57,12 +57,12 @@ class UrdfChoice:
 
     def files(self) -> dict[str, Path]:
         """Files by the names used in the page; links that lead out of the two folders are left out."""
-        found = {name: shipped_urdf_folder() / name for name in shipped_names()}
+        files = {name: shipped_urdf_folder() / name for name in shipped_names()}
         for top in (self.working.resolve(), self.folder.resolve()):
             paths = itertools.islice((path for pattern in DEPTHS for path in top.glob(pattern)), MOST_URDFS)
             inside = (path for path in sorted(paths) if path.resolve().is_relative_to(top))
-            found |= {path.relative_to(top).as_posix(): path for path in inside}
-        return found
+            files |= {path.relative_to(top).as_posix(): path for path in inside}
+        return files
 
     def find(self, name: str) -> Path:
         """File of a name.
@@ -126,8 +126,8 @@ class Docking:
         text, scene = draft_capture(
             DraftRequest([robot], target, tips, frames, more.get("base") or None), file
         )
-        given = {path: _numbers(more.get(key), key) for key, path in PLACED.items()}
-        changes = {path: values for path, values in given.items() if values}
+        values_by_path = {path: _numbers(more.get(key), key) for key, path in PLACED.items()}
+        changes = {path: values for path, values in values_by_path.items() if values}
         if changes:
             changed = edited(text, changes)
             assert changed is not None, "the draft has no such section"
@@ -172,12 +172,12 @@ def _numbers(text: Any, where: str) -> list[float]:
     if text in (None, ""):
         return []
     try:
-        found = [float(part) for part in str(text).split(",")]
+        numbers = [float(part) for part in str(text).split(",")]
     except ValueError:
-        found = []
-    if len(found) != 3:
+        numbers = []
+    if len(numbers) != 3:
         raise ScenarioError(f"found {text!r}, allowed: three numbers, as 0.1, 0, -0.2", where=where)
-    return found
+    return numbers
 
 
 def plan(scene: Scene, folder: Path, job: Job) -> Path | None:

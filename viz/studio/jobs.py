@@ -56,12 +56,12 @@ class Jobs:
     def _run(self, job: Job) -> None:
         job.tell(always=True, progress=0.0, message="building the closed loop")
         try:
-            found = self.plants.find(job.request.values)
-            if found is None:
+            design = self.plants.find(job.request.values)
+            if design is None:
                 self.plants.make(job.request.values)
-                found = self.plants.find(job.request.values)
-            assert found is not None
-            self._do[job.request.kind](self.plants, *found, job)
+                design = self.plants.find(job.request.values)
+            assert design is not None
+            self._do[job.request.kind](self.plants, *design, job)
             self._send(None, {"type": "compiling", "why": ""})
         except Exception as fault:  # a defect is told as well, instead of a job that never ends
             self._send(None, {"type": "compiling", "why": ""})

@@ -130,8 +130,8 @@ def _check(node: Any, where: tuple[str, ...] = ()) -> None:
         for key, value in node.items() if isinstance(node, dict) else enumerate(node):
             _check(value, (*where, str(key)))
     elif isinstance(node, int | float) and not abs(node) < LARGEST:
-        told = f"found {node:.4g}, allowed: a finite number smaller than {LARGEST:g}"
-        raise SpaceRobotError(told, where=".".join(where))
+        problem = f"found {node:.4g}, allowed: a finite number smaller than {LARGEST:g}"
+        raise SpaceRobotError(problem, where=".".join(where))
 
 
 def read(text: str | bytes) -> Request:
@@ -142,19 +142,21 @@ def read(text: str | bytes) -> Request:
     """
     try:
         # Python refuses to read whole numbers of more than 4300 digits; as floats they are infinite
-        found = json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 300 else float(digits))
+        message = json.loads(
+            text, parse_int=lambda digits: int(digits) if len(digits) < 300 else float(digits)
+        )
     except RecursionError:
         raise SpaceRobotError(f"a message nested too deeply, allowed: {MAX_DEPTH} levels") from None
     except ValueError:
         raise SpaceRobotError("a message that is no JSON") from None
-    if not isinstance(found, dict) or found.get("type") not in KINDS:
+    if not isinstance(message, dict) or message.get("type") not in KINDS:
         raise SpaceRobotError(f"a message of no known type, allowed: {', '.join(KINDS)}")
-    kind, values, seq = found.pop("type"), found.pop("values", {}), found.pop("seq", 0)
+    kind, values, seq = message.pop("type"), message.pop("values", {}), message.pop("seq", 0)
     if not isinstance(values, dict) or len(values) > MOST_VALUES:
         raise SpaceRobotError(f"allowed: a mapping of at most {MOST_VALUES} dotted paths", where="values")
     if isinstance(seq, bool) or not isinstance(seq, int):
         raise SpaceRobotError("allowed: a whole number", where="seq")
-    return Request(kind, values, seq, found)
+    return Request(kind, values, seq, message)
 
 
 def packets(message: Mapping[str, Any]) -> list[str | bytes]:

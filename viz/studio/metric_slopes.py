@@ -35,7 +35,7 @@ def differences(
             where a rollout diverged.
     """
     nominal, told_at = plant.nominal | dict(numbers), time.monotonic()
-    found: dict[str, float | None] = {}
+    slopes: dict[str, float | None] = {}
     for path in paths:
         if path not in plant.free:
             continue
@@ -48,10 +48,10 @@ def differences(
                 return
             costs.append(plant.cost({**numbers, path: end}, metric))
         low, high = costs
-        known = low is not None and high is not None and ends[0] < ends[1]
-        found[path] = (high - low) / (ends[1] - ends[0]) if known else None  # type: ignore[operator]
+        is_finite = low is not None and high is not None and ends[0] < ends[1]
+        slopes[path] = (high - low) / (ends[1] - ends[0]) if is_finite else None  # type: ignore[operator]
         if time.monotonic() - told_at > PART_S:
-            yield found
-            found, told_at = {}, time.monotonic()
-    if found:
-        yield found
+            yield slopes
+            slopes, told_at = {}, time.monotonic()
+    if slopes:
+        yield slopes

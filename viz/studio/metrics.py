@@ -77,18 +77,18 @@ class Metrics:
 
     def values(self, costs: Mapping[str, float]) -> list[float | None]:
         """Metric values of a rollout's costs for the page; None where a value is not finite."""
-        found = [metric.factor * float(costs[metric.key]) for metric in self.metrics]
-        return [value if np.isfinite(value) else None for value in found]
+        values = [metric.factor * float(costs[metric.key]) for metric in self.metrics]
+        return [value if np.isfinite(value) else None for value in values]
 
     def reduced(self, metric: Metric) -> Callable[[Signals], ReducedObjective]:
         """Objective function of a metric, for a search."""
-        measure, own = self.measures.named[metric.kind], self.measures.signals
-        known = ca.vertcat(own.t, own.x, *own.outputs.values())
+        measure, signals_of_loop = self.measures.named[metric.kind], self.measures.signals
+        arguments = ca.vertcat(signals_of_loop.t, signals_of_loop.x, *signals_of_loop.outputs.values())
 
         def objective(signals: Signals) -> ReducedObjective:
             """Objective over the signals of another closed loop."""
-            given = ca.vertcat(signals.t, signals.x, *signals.outputs.values())
-            parts = ca.densify(ca.substitute(measure.expression, known, given))
+            replacements = ca.vertcat(signals.t, signals.x, *signals.outputs.values())
+            parts = ca.densify(ca.substitute(measure.expression, arguments, replacements))
             return ReducedObjective(Measure(measure.kind, parts), metric.expression)
 
         return objective
@@ -96,23 +96,27 @@ class Metrics:
 
 def build_metrics(loop: ClosedLoop, scene: Scene) -> Metrics:
     """Metrics of a scene's closed loop: totals first, then their components."""
-    kept = build_campaign_metrics(loop, scene, default_metrics())
+    campaign_metrics = build_campaign_metrics(loop, scene, default_metrics())
     totals, singles = list[Metric](), list[Metric]()
-    for name, labels in kept.labels.items():
+    for name, labels in campaign_metrics.labels.items():
         quantity, parts = find_quantity(name), list(dict.fromkeys(labels))
-        unit = next(column.unit for column in kept.columns if column.metric == name)
+        unit = next(column.unit for column in campaign_metrics.columns if column.metric == name)
         unit, factor = {"m": ("mm", MILLIMETRES), "kg": ("g", 1e3)}.get(unit, (unit, 1.0))
-        known, every = (unit, factor, name), tuple(range(len(labels)))
-        text, lasts = quantity.description, kept.duration_s
-        totals.append(Metric(name, quantity.label, text, *known, every, lasts))
+        common, every = (unit, factor, name), tuple(range(len(labels)))
+        text, lasts = quantity.description, campaign_metrics.duration_s
+        totals.append(Metric(name, quantity.label, text, *common, every, lasts))
         for part in parts if len(parts) > 1 else ():
             places = tuple(i for i in every if labels[i] == part)
             title = f"{quantity.label}, {part}"
-            singles.append(Metric(f"{name} {part}", title, text, *known, places, lasts))
-    found = (*totals, *singles)
+            singles.append(Metric(f"{name} {part}", title, text, *common, places, lasts))
+    metrics = (*totals, *singles)
 
     def costs(r: Mapping[str, ca.SX], _: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-        return {m.key: m.expression(r[m.kind]) for m in found}
+        return {m.key: m.expression(r[m.kind]) for m in metrics}
 
-    named = {name: measure for name, measure in kept.measures.named.items() if name in kept.labels}
-    return Metrics(found, replace(kept.measures, named=named, costs=costs))
+    named = {
+        name: measure
+        for name, measure in campaign_metrics.measures.named.items()
+        if name in campaign_metrics.labels
+    }
+    return Metrics(metrics, replace(campaign_metrics.measures, named=named, costs=costs))

@@ -66,12 +66,12 @@ class Leaf:
             ScenarioError: If it is refused; the message states the value and the allowed ones.
         """
         if self.kind == "number" and not isinstance(value, dict | list | None):
-            told = self.fault(value)
+            problem = self.fault(value)
         else:
             strange = self.choices and isinstance(value, str) and value not in self.choices
-            told = near_names(str(value), self.choices) if strange else ""
-        if told:
-            raise ScenarioError(f"found {value!r}, {told}", where=self.path)
+            problem = near_names(str(value), self.choices) if strange else ""
+        if problem:
+            raise ScenarioError(f"found {value!r}, {problem}", where=self.path)
 
     def fault(self, value: Any) -> str:
         """Reason why a number is not allowed; empty if it is."""
@@ -86,9 +86,9 @@ class Leaf:
 
     def plain(self, ends: tuple[float, float, str] | None, free: bool) -> dict[str, Any]:
         """Plain data for the page, with ``ends`` of its slider where the tuning section gives them."""
-        told = {"path": self.path, "value": self.value, "kind": self.kind, "text": self.text, "free": free}
+        entry = {"path": self.path, "value": self.value, "kind": self.kind, "text": self.text, "free": free}
         if self.kind != "number":
-            return told | ({"choices": list(self.choices)} if self.choices else {})
+            return entry | ({"choices": list(self.choices)} if self.choices else {})
         limits = {"unit": self.unit, "low": self.low, "high": self.high}
         slider = self.slider
         if ends:
@@ -99,7 +99,7 @@ class Leaf:
                 low, high = min(low, slider[0]), max(high, slider[1])
                 scale = "log" if low > 0 and high / low > 2 * DECADES else scale
             slider = low, high, scale
-        return told | limits | {"slider": list(slider), "joint": self.joint_range is not None}
+        return entry | limits | {"slider": list(slider), "joint": self.joint_range is not None}
 
     @property
     def slider(self) -> tuple[float, float, str]:
@@ -121,25 +121,27 @@ class Leaf:
 def find_leaves(scene: Scene) -> dict[str, Leaf]:
     """Leaves of a scene's resolved scenario by dotted path, in its order."""
     scenario: Scenario = scene.scenario
-    found = {}
+    leaves_by_path = {}
     for path, value, field, owner in _walk(scenario, "", None, scenario):
         if value is not None and path.partition(".")[0] not in (*LEFT_OUT, "phases"):
-            found[path] = _leaf(path, value, field, owner, unit_at(scenario, path))
+            leaves_by_path[path] = _leaf(path, value, field, owner, unit_at(scenario, path))
     for name in scenario.phases:
-        own = {path for path, _ in leaves(to_document(scenario)["phases"][name])}
+        phase_paths = {path for path, _ in leaves(to_document(scenario)["phases"][name])}
         during = scenario.during(name)
         for path, value, field, owner in _walk(during, "", None, during):
-            if path in own and is_number(value):
-                whole = f"phases.{name}.{path}"
-                found[whole] = _leaf(whole, value, field, owner, unit_at(during, path))
+            if path in phase_paths and is_number(value):
+                full_path = f"phases.{name}.{path}"
+                leaves_by_path[full_path] = _leaf(full_path, value, field, owner, unit_at(during, path))
     for body in scene.bodies:
         for joint in body.description.joints:
             turns = joint.kind != "prismatic"
             path = f"{body.path}.joints.{joint.name}.{'angle_deg' if turns else 'offset'}"
-            if path in found:
+            if path in leaves_by_path:
                 limits = np.degrees([joint.lower, joint.upper]) if turns else (joint.lower, joint.upper)
-                found[path] = replace(found[path], joint_range=(float(limits[0]), float(limits[1])))
-    return found
+                leaves_by_path[path] = replace(
+                    leaves_by_path[path], joint_range=(float(limits[0]), float(limits[1]))
+                )
+    return leaves_by_path
 
 
 def suggested(scene: Scene, free: Collection[str]) -> dict[str, tuple[float, float, str] | None]:
@@ -148,15 +150,15 @@ def suggested(scene: Scene, free: Collection[str]) -> dict[str, tuple[float, flo
     If there are none, some gains, stiffnesses and dampings without bounds.
     """
     document = to_document(scene.scenario)
-    found: dict[str, tuple[float, float, str] | None] = {}
+    sliders: dict[str, tuple[float, float, str] | None] = {}
     for variable in scene.scenario.tuning.variables.values() if scene.scenario.tuning else ():
         for pattern in variable.paths:
             with suppress(ScenarioError):  # it may need changes of the section
                 ends = (variable.lower, variable.upper, variable.scale)
-                found |= dict.fromkeys((path for path in expand(document, pattern) if path in free), ends)
+                sliders |= dict.fromkeys((path for path in expand(document, pattern) if path in free), ends)
     ending = re.compile(r"\.tips\..*\.(kp|ki|kd)$|^grasps\..*\.(stiffness|damping)$")
     gains = [path for path, _ in leaves(document) if path in free and ending.search(path)]
-    return found or dict.fromkeys(gains[:12])
+    return sliders or dict.fromkeys(gains[:12])
 
 
 def _walk(

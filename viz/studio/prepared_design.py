@@ -88,8 +88,8 @@ class PreparedDesign:
         Raises:
             ScenarioError: If the masses are physically impossible.
         """
-        seen = {path: value for path, value in numbers.items() if ".links." in path or path[:5] == "pads."}
-        return build_scene(self.scene.scenario, seen, source=self.scene.source) if seen else self.scene
+        drawn = {path: value for path, value in numbers.items() if ".links." in path or path[:5] == "pads."}
+        return build_scene(self.scene.scenario, drawn, source=self.scene.source) if drawn else self.scene
 
     @property
     def chosen_step(self) -> float | None:
@@ -125,10 +125,10 @@ class PreparedDesign:
         self, numbers: Mapping[str, float], metric: Metric
     ) -> tuple[float | None, dict[str, float | None], str]:
         """A metric, its derivative by the path of each number that follows, and whether that is exact."""
-        found = self.ready.rollout.value_and_gradient(numbers, wrt=self._wrt, costs=[metric.key])
-        slopes = (_finite(metric.factor * slope) for slope in found.gradients[metric.key])
-        value = _finite(metric.factor * float(found.costs[metric.key]))
-        return value, dict(zip(self._wrt, slopes, strict=True)), found.status[0]
+        evaluation = self.ready.rollout.value_and_gradient(numbers, wrt=self._wrt, costs=[metric.key])
+        slopes = (_finite(metric.factor * slope) for slope in evaluation.gradients[metric.key])
+        value = _finite(metric.factor * float(evaluation.costs[metric.key]))
+        return value, dict(zip(self._wrt, slopes, strict=True)), evaluation.status[0]
 
     def look(self, scene: Scene, result: Result) -> AnimatedResult:
         """Animation data of a rollout; ``scene`` is the one that was drawn."""
@@ -150,12 +150,12 @@ class Origin:
     Attributes:
         scene: The scene.
         name: The scenario's file or name; None for a scene that was made otherwise.
-        given: Changes that it was loaded with.
+        changes_at_load: Changes with which it was loaded.
     """
 
     scene: Scene
     name: str | None = None
-    given: tuple[tuple[str, Any], ...] = ()
+    changes_at_load: tuple[tuple[str, Any], ...] = ()
 
     def build(self, changes: Mapping[str, Any]) -> Scene:
         """The scene with further changes, as the command line would load it.
@@ -165,7 +165,7 @@ class Origin:
         """
         if self.name is None:
             return build_scene(self.scene.scenario, changes, source=self.scene.source)
-        return load_scene(self.name, [*self.given, *changes.items()])
+        return load_scene(self.name, [*self.changes_at_load, *changes.items()])
 
 
 class DesignCache:
@@ -222,7 +222,7 @@ class DesignCache:
             self._tell("")
         self._kept[_key(others, asked)] = plant
         if len(self._kept) > MOST_KEPT:
-            del self._kept[next(key for key, kept in self._kept.items() if kept is not self.base)]
+            del self._kept[next(key for key, plant_kept in self._kept.items() if plant_kept is not self.base)]
         return plant
 
     def changes(self, values: Values) -> dict[str, Any]:
@@ -232,7 +232,7 @@ class DesignCache:
             ScenarioError: If a path is a pattern, a URDF is one that a page may not name, or there is no such
                 kind.
         """
-        found = {}
+        changes = {}
         for path, value in values.items():
             # no place beyond one of the scenario, and no file that is not beside it
             if "*" in path:
@@ -250,17 +250,17 @@ class DesignCache:
                 with suppress(ScenarioError):  # there may be no such section
                     section = get(self._document, head)
             if not isinstance(section, dict) or section.get("kind", value) == value:
-                found[path] = value
+                changes[path] = value
                 continue
             # the section as one of another kind: keys that this does not know are left out
-            known = next(
+            family = next(
                 (own for own in map(kinds, FAMILIES) if section["kind"] in own and value in [*own]), None
             )
-            if known is None:
+            if family is None:
                 raise ScenarioError(f"found {value!r}, which is no kind of this section", where=path)
-            fields = known[value].model_fields
-            found[head] = {name: own for name, own in section.items() if name in fields} | {"kind": value}
-        return found
+            fields = family[value].model_fields
+            changes[head] = {name: own for name, own in section.items() if name in fields} | {"kind": value}
+        return changes
 
     def _split(self, values: Values) -> tuple[dict[str, float], dict[str, Any], list[str]]:
         """Numbers that the closed loop may depend on, all else, and those numbers that must be asked for."""
@@ -305,5 +305,5 @@ def _key(others: Mapping[str, Any], asked: Sequence[str]) -> str:
 
 def _link(path: str) -> str | None:
     """Path of the link whose inertia a path is part of."""
-    head, found, _ = path.partition(".inertia")
-    return head if found and ".links." in head else None
+    head, separator, _ = path.partition(".inertia")
+    return head if separator and ".links." in head else None

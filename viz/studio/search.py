@@ -79,8 +79,8 @@ class SearchBox:
         """Values (k,) at a point of the unit cube."""
         low = np.where(self.log, self.lower, 1.0)
         ratio = np.where(self.log, self.upper / low, 1.0)
-        found = np.where(self.log, low * ratio**u, self.lower + (self.upper - self.lower) * u)
-        return np.clip(found, self.lower, self.upper)
+        numbers = np.where(self.log, low * ratio**u, self.lower + (self.upper - self.lower) * u)
+        return np.clip(numbers, self.lower, self.upper)
 
     def slope(self, u: Array) -> Array:
         """Derivative (k,) of each value."""
@@ -175,8 +175,8 @@ class _Track:
         best = {"values": self._box.plain(self._at), "objective": self._best} if self.curve else None
         # at most about 300 points of the curve, the last one included
         curve = [*self.curve[: -1 : max(1, len(self.curve) // 300)], *self.curve[-1:]]
-        shown = {"start": self._start, "best": best, "curve": [list(point) for point in curve]}
-        self._job.tell(state, always=True, progress=progress, message=message, **shown)
+        search_state = {"start": self._start, "best": best, "curve": [list(point) for point in curve]}
+        self._job.tell(state, always=True, progress=progress, message=message, **search_state)
 
 
 def methods() -> dict[str, str]:
@@ -246,15 +246,15 @@ class MonitoredProblem:
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
         """Linearise the problem at several points, and report to the page."""
-        found = self._problem.linearise_all(u)
-        objective = np.array([at.objective for at in found])
+        linearisations = self._problem.linearise_all(u)
+        objective = np.array([at.objective for at in linearisations])
         self._noted(u, Evaluation(objective, np.zeros((len(u), 0))), self._problem.linear_cost)
-        return found
+        return linearisations
 
     def _noted(self, u: Array, found: Evaluation, each: EvaluationCost) -> Evaluation:
         for point, value in zip(np.atleast_2d(u), found.objective, strict=True):
-            told = self._metric.factor * value if np.isfinite(value) else np.inf
-            self._track.note(point, told, each.equivalent(4.0))
+            displayed = self._metric.factor * value if np.isfinite(value) else np.inf
+            self._track.note(point, displayed, each.equivalent(4.0))
         self._track.tell(min(0.99, self._track.spent / self._budget))
         if self._job.stop.is_set():
             raise KeyboardInterrupt  # as Ctrl-C does: methods end with what they have

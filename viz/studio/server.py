@@ -60,8 +60,8 @@ class Studio(TokenServer):
 
     def handlers(self) -> list[Any]:
         """The page and its connection."""
-        given = {"server": self}
-        return [(r"/", _StudioPage, given), (r"/studio", _Connection, given)]
+        arguments = {"server": self}
+        return [(r"/", _StudioPage, arguments), (r"/studio", _Connection, arguments)]
 
     def later(self, call: Callable[[], None]) -> None:
         """Call something in the server's thread."""

@@ -226,9 +226,9 @@ class StudioSession:
         self, page: PageConnection, request: Request, *, gradients: bool = False
     ) -> tuple[PreparedDesign, dict[str, float]] | None:
         """Structure and numbers of a design; None while it is compiled, whereupon the request comes again."""
-        found = self.plants.find(request.values)
-        if found is not None and (found[0].has_gradients or not gradients):
-            return found
+        design = self.plants.find(request.values)
+        if design is not None and (design[0].has_gradients or not gradients):
+            return design
         asked = page, request.kind
         with self._change:
             self._held[asked] = request
@@ -260,10 +260,10 @@ class StudioSession:
                     self._change.notify_all()
 
     def _prepare(self, request: Request) -> None:
-        found = self.plants.find(request.values)
+        design = self.plants.find(request.values)
         try:
-            if found is not None:
-                found[0].prepare_gradients()
+            if design is not None:
+                design[0].prepare_gradients()
         finally:
             self._broadcast(None, {"type": "compiling", "what": "gradients", "why": ""})
 
@@ -274,26 +274,30 @@ class StudioSession:
 
     def _roll(self, page: PageConnection, request: Request) -> None:
         begin = time.perf_counter()
-        found = self._plant(page, request)
-        if found is None:
+        design = self._plant(page, request)
+        if design is None:
             return
-        plant, numbers = found
+        plant, numbers = design
         scene = plant.drawn(numbers)
         result, trajectory = plant.roll(scene, numbers)
         if trajectory.status == "unclosed":
             raise SpaceRobotError(trajectory.cause)
-        shown, summary = plant.look(scene, result), result.summary
+        animated, summary = plant.look(scene, result), result.summary
         if request.kind == "hello" or self._pages.get(page) is not plant:
             self._pages[page] = plant
             sliders = suggested(plant.scene, plant.free)
-            scenario, own = plant.scene.scenario, self.plants.base.leaves  # what designs differ from
+            scenario, original_leaves = (
+                plant.scene.scenario,
+                self.plants.base.leaves,
+            )  # what designs differ from
             hello = {
                 "type": "hello",
                 "scenario": scenario.name,
                 "about": scenario.description,
                 "folder": str(self.folder),
                 "numbers": [
-                    leaf.plain(sliders.get(path), path in plant.free) | {"value": own.get(path, leaf).value}
+                    leaf.plain(sliders.get(path), path in plant.free)
+                    | {"value": original_leaves.get(path, leaf).value}
                     for path, leaf in plant.leaves.items()
                 ],
                 "metrics": [metric.plain() for metric in plant.metrics.metrics],
@@ -302,7 +306,7 @@ class StudioSession:
                 "suggested": list(sliders),
                 "plans": scenario.plan is not None,
                 "seq": request.seq,
-                "show": shown_data([shown]),
+                "show": shown_data([animated]),
             }
             self._send(page, hello)
             if request.kind == "hello":
@@ -326,10 +330,10 @@ class StudioSession:
             "ledger": summary["ledger"],
             "events": summary["events"],
             "seconds": {"rollout": trajectory.wall_s, "all": time.perf_counter() - begin},
-            "run": run_data(shown),
+            "run": run_data(animated),
         }
         if scene.scenario.pads:  # their shapes may have changed
-            nodes = shown.motion.nodes
+            nodes = animated.motion.nodes
             message["run"]["nodes"] = Meshes(nodes).node_data(nodes)
         self._send(page, message)
         with self._change:
@@ -337,24 +341,24 @@ class StudioSession:
 
     def _gradient(self, page: PageConnection, request: Request) -> None:
         """Slopes of a metric; by differences where there are no exact ones, or not before a compilation."""
-        given = request.more.get("paths", ())
-        wanted = [path for path in given if isinstance(path, str)] if isinstance(given, list) else []
+        requested = request.more.get("paths", ())
+        missing = [path for path in requested if isinstance(path, str)] if isinstance(requested, list) else []
         metric_key = request.text("metric")
-        found = self._plant(page, request, gradients=True)
-        exact = found is not None
-        found = found or self.plants.find(request.values)
-        if found is None:
+        design = self._plant(page, request, gradients=True)
+        exact = design is not None
+        design = design or self.plants.find(request.values)
+        if design is None:
             return
-        plant, numbers = found
+        plant, numbers = design
         metric = plant.metrics[metric_key]
         answer = {"type": "gradient", "seq": request.seq, "metric": metric.key}
         status = "differences"
         if exact:
             value, slopes, status = plant.gradient(numbers, metric)
-            told = {path: slopes.get(path) for path in wanted}
-            self._send(page, {**answer, "value": value, "d": told, "status": status})
-            wanted = [path for path in wanted if told[path] is None] if value is not None else []
-        for part in differences(plant, numbers, metric, wanted, self._is_hurried):
+            slopes_by_path = {path: slopes.get(path) for path in missing}
+            self._send(page, {**answer, "value": value, "d": slopes_by_path, "status": status})
+            missing = [path for path in missing if slopes_by_path[path] is None] if value is not None else []
+        for part in differences(plant, numbers, metric, missing, self._is_hurried):
             self._send(page, {**answer, "d": part, "status": status})
 
     def _is_hurried(self) -> bool:
@@ -363,8 +367,8 @@ class StudioSession:
             return self._closed or any(kind == "set" for _, kind in self._newest)
 
     def _command(self, request: Request) -> str:
-        found = self.plants.find(request.values)
-        chosen = found[0].chosen_step if found is not None else None
+        design = self.plants.find(request.values)
+        chosen = design[0].chosen_step if design is not None else None
         return command_line(self.origin, self.plants.changes(request.values), chosen)
 
     def _save(self, page: PageConnection, request: Request) -> None:
@@ -380,8 +384,8 @@ class StudioSession:
         )
 
     def _fail(self, page: PageConnection, request: Request, fault: SpaceRobotError) -> None:
-        told = {"seq": request.seq, "what": request.kind, "path": fault.where, "message": fault.message}
-        self._send(page, {"type": "failed", **told})
+        failure = {"seq": request.seq, "what": request.kind, "path": fault.where, "message": fault.message}
+        self._send(page, {"type": "failed", **failure})
 
     def _send(self, page: PageConnection, message: dict[str, Any]) -> None:
         page.send(packets(message))

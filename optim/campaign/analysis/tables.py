@@ -34,17 +34,17 @@ def campaign_content(summary: Mapping[str, Any]) -> list[Content]:
     Args:
         summary: Data of ``summary.json``.
     """
-    content: list[Content] = [failing(name, own, summary) for name, own in summary["gains"].items()]
+    content: list[Content] = [failing(name, of_set, summary) for name, of_set in summary["gains"].items()]
     content.append(failure_table(summary))
-    for name, own in summary["gains"].items():
-        content.append(percentile_table(name, own, summary))
-        if own["plans"] is not None:
-            content.append(f"{name}: {plan_text(own['plans'])}")
+    for name, of_set in summary["gains"].items():
+        content.append(percentile_table(name, of_set, summary))
+        if of_set["plans"] is not None:
+            content.append(f"{name}: {plan_text(of_set['plans'])}")
         content.append(f"{name}: sensitivity, as rank correlation or share of the variance")
-        content += [depends(metric, entry) for metric, entry in own["matters"].items()]
-        if own["map"] is not None:
-            content.append(outcome_table(name, own["map"], summary["parameters"]))
-        worst = own["worst"][0]
+        content += [depends(metric, entry) for metric, entry in of_set["matters"].items()]
+        if of_set["map"] is not None:
+            content.append(outcome_table(name, of_set["map"], summary["parameters"]))
+        worst = of_set["worst"][0]
         draws = ", ".join(f"{key} {drawn(summary, key, value)}" for key, value in worst["draw"].items())
         why = why_worst(worst) or f"by its {quantity_of(worst['metric'])}"
         content.append(f"{name}: worst sample, {worst['sample']}, {why}: {draws}")

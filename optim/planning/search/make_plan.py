@@ -173,10 +173,10 @@ def failure_message(result: SolveResult, starts: int = 1) -> str | None:
 
 
 def plan_result(
-    solver: PlanSolver, request: SolveRequest, found: Mapping[str, SolveResult], name: str = PLAN
+    solver: PlanSolver, request: SolveRequest, results: Mapping[str, SolveResult], name: str = PLAN
 ) -> PlanSolution:
     """Plan from the result of a task."""
-    result = found[name]
+    result = results[name]
     assert result.verification is not None
     assert result.solution is not None
     phased_motion = solver.phased_motion(request, result)
@@ -185,7 +185,7 @@ def plan_result(
         for term, value in integrals(motion).items():
             terms[term] = terms.get(term, 0.0) + motion.problem.weights[term] * value
     solver = solver.keeping_apart(result.apart)
-    runs = [one for task, a in found.items() if task.startswith(f"{name}, start") for one in a.runs]
+    runs = [one for task, a in results.items() if task.startswith(f"{name}, start") for one in a.runs]
     return PlanSolution(
         solver.scene,
         phased_motion,

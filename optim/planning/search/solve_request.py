@@ -80,12 +80,15 @@ def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
     run = _SolverRuns(solver if near is None else solver.keeping_apart(near.apart), request)
     if near is not None and request.is_solved:
         run.cost, run.cause = near.cost, near.cause
-        run.kept, run.cleared = None if near.solution is None else (near.solution, near.meshes), near.solution
+        run.optimum, run.cleared = (
+            None if near.solution is None else (near.solution, near.meshes),
+            near.solution,
+        )
     else:
         run.solve(near)
         run.clear()
-    verification = run.refined() if request.refine and run.kept is not None else None
-    solution, meshes = run.kept or (None, solver.meshes(solver.plan.intervals))
+    verification = run.refined() if request.refine and run.optimum is not None else None
+    solution, meshes = run.optimum or (None, solver.meshes(solver.plan.intervals))
     return SolveResult(tuple(run.runs), solution, meshes, run.cost, verification, run.cause, run.solver.apart)
 
 
@@ -102,12 +105,12 @@ class VerifiedPlan:
 
     Attributes:
         solver: The problem, with the keep-out zones used in the solve.
-        kept, cost: Solution with the mesh of each phase, and its cost.
+        optimum, cost: Solution with the mesh of each phase, and its cost.
         verification: Its verification.
     """
 
     solver: PlanSolver
-    kept: tuple[Solution, Meshes]
+    optimum: tuple[Solution, Meshes]
     cost: float
     verification: VerificationResult
 
@@ -123,7 +126,7 @@ class _SolverRuns:
     def __init__(self, solver: PlanSolver, request: SolveRequest) -> None:
         self.solver, self.request = solver, request
         self.runs: list[SolverRun] = []
-        self.kept: tuple[Solution, Meshes] | None = None
+        self.optimum: tuple[Solution, Meshes] | None = None
         self.cleared: Solution | None = None
         self.cost, self.cause, self.why = np.inf, "", ""
         self.deadline = time.thread_time() + solver.plan.time_limit
@@ -141,9 +144,9 @@ class _SolverRuns:
         """Solve from a nearby motion if there is one; if that fails, from an initial guess."""
         if near is not None and near.solution is not None and len(near.meshes) == len(self.solver.phases):
             self.warm(near)
-        if self.kept is None:
+        if self.optimum is None:
             self.cold()
-        if self.kept is None and self.request.explain:
+        if self.optimum is None and self.request.explain:
             self.relaxed()
 
     def clear(self, *, only_warm: bool = False) -> None:
@@ -153,8 +156,8 @@ class _SolverRuns:
         Each solve is warm-started by the previous solution and its multipliers, except in segments between
         jumps of forces. With ``only_warm`` no cold start is tried after a warm one.
         """
-        while self.kept is not None and self.kept[0] is not self.cleared:
-            (solution, meshes), solver = self.kept, self.solver
+        while self.optimum is not None and self.optimum[0] is not self.cleared:
+            (solution, meshes), solver = self.optimum, self.solver
             current = SolveResult((), solution, meshes, self.cost, None, "", solver.apart)
             entered = course_collisions(
                 solver.phased_motion(self.request, current), solver.pairs, between=True
@@ -164,7 +167,7 @@ class _SolverRuns:
                 self.cleared = solution
                 return
             solver.notify(f"planning again: {entered[0].words()}")
-            self.kept, self.cost = None, np.inf
+            self.optimum, self.cost = None, np.inf
             near = None
             if len(meshes) == len(solver.phases):  # else forces jump: from a first guess
                 programs = (each.program(self.request, meshes) for each in (solver, self.solver))
@@ -189,28 +192,28 @@ class _SolverRuns:
             if self.stalled and not solved:
                 solved = self._guessed(self.solver.meshes(coarser)) and self._finer(meshes)
                 if not solved:
-                    self.kept, self.cost = None, np.inf
+                    self.optimum, self.cost = None, np.inf
                     self._guessed(meshes)
         else:
             if self._guessed(self.solver.meshes(many // COARSER)):
                 self.clear(only_warm=True)  # until no links collide on the coarse mesh
-            if self.kept is None or not self._finer(meshes):
-                self.kept, self.cost = None, np.inf
+            if self.optimum is None or not self._finer(meshes):
+                self.optimum, self.cost = None, np.inf
                 self._guessed(meshes)
         # A symmetric guess, such as a rotation about the eigenaxis, makes IPOPT's steps symmetric too, so
         # that it may end at a saddle point. In that case search from random guesses, and take the cheaper
         # result.
         for k in range(1, DRAWN + 1):
-            if self.kept is None:
+            if self.optimum is None:
                 return
-            best, cost = self.kept, self.cost
+            best, cost = self.optimum, self.cost
             if descent_direction(self.solver.program(self.request, best[1]), best[0], _size(cost)) is None:
                 return
             if (
                 not self._guessed(best[1], self.request.start + k * self.solver.plan.starts)
                 or self.cost >= cost
             ):
-                self.kept, self.cost, self.cause = best, cost, ""
+                self.optimum, self.cost, self.cause = best, cost, ""
 
     def warm(self, near: SolveResult) -> None:
         """Solve from the solution of a problem with another duration or other weights, on its mesh."""
@@ -233,8 +236,8 @@ class _SolverRuns:
         if best is None:
             return verification
         is_worse = self.cost - best.cost > WORSE * _size(best.cost)
-        if self.kept is None or verification is None or verification.failures() or is_worse:
-            self.solver, self.kept, self.cost, self.cause = best.solver, best.kept, best.cost, ""
+        if self.optimum is None or verification is None or verification.failures() or is_worse:
+            self.solver, self.optimum, self.cost, self.cause = best.solver, best.optimum, best.cost, ""
             return best.verification
         return verification
 
@@ -251,9 +254,9 @@ class _SolverRuns:
         rounds = ROUNDS if is_arrival else 0
         while True:
             self.clear()
-            if self.kept is None:
+            if self.optimum is None:
                 return verification
-            (solution, meshes), solver = self.kept, self.solver
+            (solution, meshes), solver = self.optimum, self.solver
             phased_motion = solver.phased_motion(
                 self.request, SolveResult((), solution, meshes, self.cost, None, "")
             )
@@ -261,7 +264,7 @@ class _SolverRuns:
             program = solver.interpreted.program(self.request, meshes, self.margins)
             verification = verify(phased_motion, program, solution, _size(self.cost), solver.backend)
             if not verification.failures() and (self.best is None or self.cost < self.best.cost):
-                self.best = VerifiedPlan(solver, self.kept, self.cost, verification)
+                self.best = VerifiedPlan(solver, self.optimum, self.cost, verification)
             if verification.fine_enough:
                 if is_arrival:
                     return verification
@@ -294,8 +297,8 @@ class _SolverRuns:
 
     def _with_room(self, verification: VerificationResult) -> bool:
         """Solve on the same mesh with more room to the limits that are passed between its points."""
-        assert self.kept is not None
-        (solution, meshes), kept, cost, margins = self.kept, self.kept, self.cost, dict(self.margins)
+        assert self.optimum is not None
+        (solution, meshes), optimum, cost, margins = self.optimum, self.optimum, self.cost, dict(self.margins)
         for one in verification.exceeded:
             self.margins[one.name] = self.margins.get(one.name, 0.0) + ROOM * one.amount
         self.why = f" (larger margins, for {verification.failures()[-1]})"
@@ -304,7 +307,7 @@ class _SolverRuns:
         warm = dataclasses.replace(solution, barrier=max(solution.barrier, BARRIER))
         if self._solve(phased_motion, meshes, warm):
             return True
-        self.kept, self.cost, self.margins = kept, cost, margins
+        self.optimum, self.cost, self.margins = optimum, cost, margins
         return False
 
     def relaxed(self) -> None:
@@ -371,17 +374,17 @@ class _SolverRuns:
         self.margins = {}
         if not is_solved:
             return False
-        assert self.kept is not None
-        solution, cost = self.kept[0], self.cost
+        assert self.optimum is not None
+        solution, cost = self.optimum[0], self.cost
         near = SolveResult((), solution, meshes, cost, None, "")
-        self.kept, self.cost = None, np.inf
+        self.optimum, self.cost = None, np.inf
         warm = dataclasses.replace(solution, barrier=max(solution.barrier, WARM_BARRIER))
         return self._solve(self.solver.phased_motion(self.request, near), meshes, warm, iterations=SHORT)
 
     def _finer(self, wanted: Meshes) -> bool:
         """Solve on a finer mesh from the present solution."""
-        assert self.kept is not None
-        solver, (solution, meshes) = self.solver, self.kept
+        assert self.optimum is not None
+        solver, (solution, meshes) = self.solver, self.optimum
         coarse, fine = (solver.program(self.request, each) for each in (meshes, wanted))
         phased_motion = solver.phased_motion(
             self.request, SolveResult((), solution, meshes, self.cost, None, "")
@@ -397,10 +400,10 @@ class _SolverRuns:
         Its multipliers fit neither new segments nor new linear drives. With a large barrier parameter the
         search leaves the neighbourhood, and often ends at a worse optimum after many more iterations.
         """
-        assert self.kept is not None
+        assert self.optimum is not None
         none = np.empty(0)
         near = dataclasses.replace(
-            self.kept[0], multipliers=none, bound_multipliers=none, barrier=NEAR_BARRIER
+            self.optimum[0], multipliers=none, bound_multipliers=none, barrier=NEAR_BARRIER
         )
         return self._solve(pieces, pieces.meshes, near)
 
@@ -452,7 +455,7 @@ class _SolverRuns:
             )
         )
         if converged:
-            self.kept, self.cost, self.cause = (solution, meshes), cost, ""
+            self.optimum, self.cost, self.cause = (solution, meshes), cost, ""
         else:
             self.cause = limit_message(program, solution, solver.plan)
             self.ended = None if solution.status == TIME_LIMIT else (program, solution, meshes)

@@ -101,7 +101,7 @@ def solve(
     if warm is None:
         return _solve(presolved, first, None, ipopt_options(iterations, scale) | always, on_iteration)
     has_multipliers = warm.multipliers.size > 0
-    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, known=has_multipliers)
+    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, has_multipliers=has_multipliers)
     first_run = _solve(presolved, first, warm if has_multipliers else None, options | always, on_iteration)
     if first_run.converged or iterations <= PATIENCE or first_run.status == TIME_LIMIT:
         return first_run
@@ -159,7 +159,7 @@ def _solve(
 
 
 def ipopt_options(
-    iterations: int, scale: float, barrier: float | None = None, *, known: bool = True
+    iterations: int, scale: float, barrier: float | None = None, *, has_multipliers: bool = True
 ) -> dict[str, Any]:
     """IPOPT's options, with an initial barrier parameter if the search starts near a solution."""
     options: dict[str, Any] = {
@@ -177,7 +177,7 @@ def ipopt_options(
     }
     if barrier is None:
         options |= FROM_A_GUESS
-    elif not known:
+    elif not has_multipliers:
         options |= FROM_A_MOTION | {"mu_init": barrier}
     else:
         options |= {

@@ -66,7 +66,7 @@ class JointFailure(Actuator):
         name = f"{actuator.robot}/{self.joint}"
         if self.mode in HELD:
             running = self.mode == "runaway"
-            holding, sets, updates = held_joints(actuator, joints, running=running, known=self.known)
+            holding, sets, updates = held_joints(actuator, joints, running=running, is_known=self.known)
             impact = self.mode == "locked"
             _, event = failing(context, name, sets=sets, updates=updates, impact=impact)
             return replace(holding, events=(event,))

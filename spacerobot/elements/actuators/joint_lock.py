@@ -27,7 +27,7 @@ DECAY = 20.0
 
 
 def held_joints(
-    actuator: ActuatorContext, joints: Iterable[str], *, running: bool = False, known: bool = False
+    actuator: ActuatorContext, joints: Iterable[str], *, running: bool = False, is_known: bool = False
 ) -> tuple[Contribution, dict[str, bool], dict[str, ca.SX]]:
     """Constraints that hold joints, with the switches and states that their event sets.
 
@@ -38,7 +38,7 @@ def held_joints(
         actuator: Actuator that holds the joints.
         joints: Names of the joints.
         running: Whether the joints keep their present rate instead of being stopped.
-        known: Whether controllers know about it from then on; :func:`known_lock` is the switch.
+        is_known: Whether controllers know about it from then on; :func:`known_lock` is the switch.
     """
     constants, plant = actuator.context.constants, actuator.plant
     parts, sets, updates = list[Contribution](), dict[str, bool](), dict[str, ca.SX]()
@@ -48,7 +48,7 @@ def held_joints(
         held, runs = constants.switch(f"{name}.held"), constants.switch(f"{name}.runs")
         held_rate = memory(f"{name}.held_rate", ca.SX.zeros(1))
         sets |= {held.name(): True, runs.name(): running}
-        sets |= {known_lock(constants, actuator.robot, joint).name(): True} if known else {}
+        sets |= {known_lock(constants, actuator.robot, joint).name(): True} if is_known else {}
         updates |= {held_rate.name: plant.v[column]} if running else {}
         if not is_created:
             constraint = _hold(actuator, column, name, held, runs * held_rate.symbol)

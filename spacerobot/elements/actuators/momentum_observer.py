@@ -120,7 +120,7 @@ class MomentumObserver(Actuator):
     def build(self, actuator: ActuatorContext) -> Contribution:
         """Contribution: torques as commanded, residuals of the momenta, and detection events."""
         names = matching(list(actuator.columns), self.joints)
-        brakes = {name: held_joints(actuator, [name], known=True) for name in names} if self.brake else {}
+        brakes = {name: held_joints(actuator, [name], is_known=True) for name in names} if self.brake else {}
         switches = [actuator.context.switch(f"detected.{name}") for name in names]
         columns = tuple(actuator.columns[name] for name in names)
 

@@ -73,8 +73,8 @@ def read_network(file: Path) -> list[dict[str, Any]]:
         SpaceRobotError: If the package ``safetensors`` or ``onnx`` is needed and not installed.
     """
     if file.suffix not in (".npz", ".safetensors", ".onnx"):
-        found = f"found {file.suffix or 'no suffix'!r}"
-        raise ScenarioError(f"{found}, allowed: .safetensors, .onnx or .npz", source=file)
+        problem = f"found {file.suffix or 'no suffix'!r}"
+        raise ScenarioError(f"{problem}, allowed: .safetensors, .onnx or .npz", source=file)
     if file.stat().st_size > MOST_BYTES:
         raise ScenarioError(f"larger than {MOST_BYTES // 1_000_000} MB, so not such a network", source=file)
     layers, names = _graph_layers(file) if file.suffix == ".onnx" else _array_layers(file)
@@ -104,11 +104,11 @@ def _array_layers(file: Path) -> tuple[list[dict[str, Any]], list[str]]:
         if weights is None:
             raise ScenarioError(f"layer {stem!r}: found a bias without {prefix}weight", source=file)
         if weights.ndim != 2 or not weights.size:
-            found = f"{prefix}weight: found shape {weights.shape}"
-            raise ScenarioError(f"layer {stem!r}: {found}, allowed: (outputs, inputs)", source=file)
+            problem = f"{prefix}weight: found shape {weights.shape}"
+            raise ScenarioError(f"layer {stem!r}: {problem}, allowed: (outputs, inputs)", source=file)
         if biases is not None and biases.shape != weights.shape[:1]:
-            found = f"{prefix}bias: found shape {biases.shape}"
-            raise ScenarioError(f"layer {stem!r}: {found}, allowed: ({len(weights)},)", source=file)
+            problem = f"{prefix}bias: found shape {biases.shape}"
+            raise ScenarioError(f"layer {stem!r}: {problem}, allowed: ({len(weights)},)", source=file)
         layers.append({"weights": weights.tolist(), "biases": [] if biases is None else biases.tolist()})
     return layers, [f"layer {stem!r}" for stem in stems]
 
@@ -156,8 +156,8 @@ def _graph_layers(file: Path) -> tuple[list[dict[str, Any]], list[str]]:
         raise ScenarioError(f"cannot be read: {' '.join(str(fault).split())}", source=file) from None
     inputs = [one.name for one in graph.input if one.name not in constants]
     if len(inputs) != 1 or len(graph.output) != 1:
-        found = f"found {len(inputs)} inputs and {len(graph.output)} outputs"
-        raise ScenarioError(f"{found}, allowed: one of each", source=file)
+        problem = f"found {len(inputs)} inputs and {len(graph.output)} outputs"
+        raise ScenarioError(f"{problem}, allowed: one of each", source=file)
     layers, names = list[dict[str, Any]](), list[str]()
     before, signal = "", inputs[0]
     for node in (node for node in graph.node if node.op_type != "Constant"):
@@ -184,8 +184,8 @@ def _graph_layers(file: Path) -> tuple[list[dict[str, Any]], list[str]]:
         _finite({label: np.asarray(layer["weights"]), f"{label}, biases": np.asarray(layer["biases"])}, file)
         outputs = len(layer["weights"])
         if layer["biases"] and len(layer["biases"]) != outputs:
-            found = f"found {len(layer['biases'])} biases"
-            raise ScenarioError(f"{label}: {found}, allowed: {outputs}", source=file)
+            problem = f"found {len(layer['biases'])} biases"
+            raise ScenarioError(f"{label}: {problem}, allowed: {outputs}", source=file)
     for layer in layers[:-1]:
         layer["activation"] = layer["activation"] or "linear"
     return layers, names

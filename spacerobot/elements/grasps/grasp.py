@@ -107,12 +107,16 @@ class Grasp(Element):
         """Whether it is rigid, so that closing it is an impact."""
         return self.fixes_position or self.fixes_orientation
 
-    def life(self, *, told: bool = False) -> str:
-        """Conditions of capture and release, in text form; ``told`` is whether a phase releases it."""
+    def life(self, *, released_by_phase: bool = False) -> str:
+        """Conditions of capture and release in words.
+
+        Args:
+            released_by_phase: Whether a phase releases the grasp.
+        """
         conditions = []
         if self.begins == "open" and self.capture is not None:
             conditions.append(f"open, {self.capture.words()}")
-        ending = "released by phases" if told else "never released"
+        ending = "released by phases" if released_by_phase else "never released"
         conditions.append(ending if self.release is None else self.release.words())
         return "; ".join(conditions)
 

@@ -56,11 +56,11 @@ class QuantityLimit(PlanLimit):
         for label, column in self.limited.columns(instant).items():
             name = f"{self.bound.key.removesuffix('_deg').replace('_', ' ')} of {label}"
             if root and column.numel() > 1:  # as a square, which is smooth at zero
-                found = [within(name, unit, column, limit)]
+                rows = [within(name, unit, column, limit)]
             else:
                 lower = -limit if root else -np.inf
-                found = [BoundedRow(name, unit, entry, lower, limit) for entry in ca.vertsplit(column)]
-            for row in found:
+                rows = [BoundedRow(name, unit, entry, lower, limit) for entry in ca.vertsplit(column)]
+            for row in rows:
                 yield dataclasses.replace(row, size=limit) if self.bound.is_relative else row
 
 

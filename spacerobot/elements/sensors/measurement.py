@@ -245,24 +245,24 @@ class Measurement:
         return self.value.symbol if self.continuous is None else self.continuous
 
     @classmethod
-    def failing(cls, name: str, shown: ca.SX, sensor: FailingSensor) -> Measurement:
+    def failing(cls, name: str, signal: ca.SX, sensor: FailingSensor) -> Measurement:
         """Measurement of a continuous sensor, which stores its reading at the instant of failure."""
-        value, none = memory(f"{name}.measured", shown), memory(f"{name}.count", ca.SX.zeros(1))
-        event = replace(sensor.event, updates={value.name: ca.densify(shown)})
-        reading = sensor.shown(value.symbol, shown + sensor.drift)
-        return cls(shown, value, (value,), (event,), none, continuous=reading)
+        value, none = memory(f"{name}.measured", signal), memory(f"{name}.count", ca.SX.zeros(1))
+        event = replace(sensor.event, updates={value.name: ca.densify(signal)})
+        reading = sensor.shown(value.symbol, signal + sensor.drift)
+        return cls(signal, value, (value,), (event,), none, continuous=reading)
 
     @classmethod
     def held(
-        cls, name: str, context: SectionContext, shown: ca.SX, sensor: FailingSensor | None = None
+        cls, name: str, context: SectionContext, signal: ca.SX, sensor: FailingSensor | None = None
     ) -> Measurement:
         """Error-free measurement at the start and then once in each ``period`` of the section."""
         period = context.steady("period")
-        value, clock = memory(f"{name}.measured", shown), Clock.of(name, context.time, period, begin=period)
-        new = shown if sensor is None else sensor.shown(value.symbol, shown + sensor.drift)
+        value, clock = memory(f"{name}.measured", signal), Clock.of(name, context.time, period, begin=period)
+        new = signal if sensor is None else sensor.shown(value.symbol, signal + sensor.drift)
         due = clock.event(f"{name}.measured", "measured", name, {value.name: new}, routine=True)
         later_events = () if sensor is None else (sensor.event,)
-        return cls(shown, value, (value, clock.count), (due, *later_events), clock.count)
+        return cls(signal, value, (value, clock.count), (due, *later_events), clock.count)
 
     @classmethod
     def of(
