@@ -364,7 +364,7 @@ def _one(
     moving = ca.Function("moving", [x, stage.u], [ca.densify(ca.vertcat(rate, cost))])
     symbols = [one.symbol for one in about]
     path_of = ca.Function("path", [x, stage.u, *symbols], [ca.densify(path)])
-    found = [one.function(one.given) for one in about if one.function is not None]
+    found = [one.function(one.arguments) for one in about if one.function is not None]
     normals = ca.Function("normals", [x], found)
     goal_of = ca.Function("goal", [x, stage.u], [ca.densify(goal)])
     nx, wide = x.numel(), x.numel() + stage.u.numel()

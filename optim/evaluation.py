@@ -142,7 +142,7 @@ class BatchResult(DatasetResult):
         return f"<BatchResult of {self.data.diverged_at.size} simulations, {lost} diverged>"
 
     def content(self) -> list[Table]:
-        """Least, median and largest value of each quantity."""
+        """Table of the minimum, median and maximum of each quantity."""
         rows = []
         for name, variable in self.data.data_vars.items():
             if f"{name}_of" in variable.dims:
@@ -184,15 +184,15 @@ def gradient(
             robots) are combined as :attr:`spacerobot.quantities.Quantity.total` says.
         parameters: Dotted paths of the scenario's numbers to differentiate with respect to, as
             :func:`parameter_paths` takes them.
-        at: Values of numbers at which to differentiate, by dotted path; the scene's where they are not given.
-            A step that was chosen for the scene's values is kept.
+        at: Values by dotted path at which to differentiate; other numbers have the scene's values. The step
+            stays the one chosen for the scene's values.
         backend: ``auto``, ``compiled`` or ``interpreted``.
 
     Returns:
         GradientResult: Values and gradients; its status says where the gradient may not hold.
 
     Raises:
-        ScenarioError: If the scene has nothing that a quantity describes, or does not depend on a parameter.
+        ScenarioError: If a quantity does not apply to the scene, or the scene does not depend on a parameter.
         SpaceRobotError: If there is no such quantity or parameter.
         DivergedError: If no step keeps to the tolerance.
     """
@@ -239,14 +239,14 @@ def batch(
         quantities: Names of registered quantities.
         values: Values (N,) of each parameter that varies, by dotted path.
         backend: ``auto``, ``compiled`` or ``interpreted``.
-        threads: One for each usable core if None; the numbers do not depend on it.
+        threads: Number of threads; one for each usable core if None. Results do not depend on it.
 
     Returns:
-        BatchResult: N samples; NaN where a simulation diverged, and where it has no such value (a missed
-            capture's time).
+        BatchResult: N samples; NaN where a simulation diverged or a quantity is undefined (the time of a
+            missed capture).
 
     Raises:
-        ScenarioError: If the scene has nothing that a quantity describes.
+        ScenarioError: If a quantity does not apply to the scene.
         SpaceRobotError: If there is no such quantity or parameter, or the values differ in number.
     """
     scene, chosen = to_scene(scene), find_quantities(quantities)
@@ -289,15 +289,15 @@ def find_quantities(names: str | Sequence[str]) -> tuple[Quantity, ...]:
 
 
 def parameter_paths(scene: Scene, parameters: str | Sequence[str]) -> tuple[str, ...]:
-    """Dotted paths of single numbers.
+    """Dotted paths of the single numbers that patterns match.
 
     Args:
         scene: The scene.
-        parameters: Paths of numbers, or of lists and sections, which stand for all numbers in them
-            (``robots.free.controllers.policy.layers``); ``*`` stands for every key.
+        parameters: Paths of numbers, or of lists and sections, which match all numbers in them
+            (``robots.free.controllers.policy.layers``); ``*`` matches every key.
 
     Raises:
-        ScenarioError: If a path is of no number.
+        ScenarioError: If a pattern matches no number.
     """
     document, paths = to_document(scene.scenario), list[str]()
     for pattern in [parameters] if isinstance(parameters, str) else parameters:
@@ -316,7 +316,7 @@ def _prepared(
     backend: Backend,
     rollouts: int | None,
 ) -> tuple[Any, dict[str, tuple[str, ...]]]:
-    """Rollout of :func:`build_quantity_rollout`, built once for all scenes of the same content."""
+    """Rollout of :func:`build_quantity_rollout`; scenes of equal content share one, which is cached."""
     compiler = tuple(os.environ.get(name) for name in COMPILER_SETTINGS)
     return _build_once(SceneContent(scene), chosen, vary, backend, rollouts, compiler)
 
@@ -337,9 +337,9 @@ class RolloutRequest(TypedDict, total=False):
     """Keyword arguments of :func:`build_quantity_rollout`.
 
     Attributes:
-        many: Whether it shall roll out many samples, also where Python updates controllers; true if left out.
-        step: Of the rollout [s]; the simulation's step and tolerance if None.
-        rollouts: As :class:`~spacerobot.rollout.build.Settings` has it.
+        many: Whether the rollout serves many samples, also where Python updates controllers; default true.
+        step: Step of the rollout [s]; the simulation's step and tolerance if None.
+        rollouts: Expected number of rollouts; see :class:`~spacerobot.rollout.build.Settings`.
     """
 
     many: bool

@@ -83,13 +83,13 @@ class IdentificationResult(JsonResult):
     Attributes:
         body: Name of the body.
         link: Its root link, in whose axes the numbers are.
-        values, deviations, truth: Estimates, their standard deviations and the simulation's own values (10,),
-            as named by :data:`NAMES`. Of an object that moves in a plane, those that its motion does not
-            depend on are the simulation's own, without deviation; moments and products of inertia in
-            proportion to the identified moment.
-        identified: Names of those that are identified.
+        values, deviations, truth: Estimates, their standard deviations and the simulation's values (10,), in
+            the order of :data:`NAMES`. A planar motion depends on four of them only. The others are the
+            simulation's values without deviation, except that moments and products of inertia are scaled
+            with the identified moment.
+        identified: Names of the identified parameters.
         samples: Number of samples that were used.
-        is_projected: Whether the estimate was moved to the nearest one that a body can have.
+        is_projected: Whether the estimate was replaced by the nearest physically consistent one.
     """
 
     key: ClassVar[str] = "identification"
@@ -157,16 +157,15 @@ def identify(
     Args:
         result: Simulation with a target that floats, in space or in a plane, without joints, held by a weld.
         since: Time from which samples are used [s]; that of the weld's last capture if None.
-        noise: Noise that is added to what the robots' sensors measure, and by which it is weighted; none if
-            None.
+        noise: Sensor noise, which is added to the robots' measurements and weights them; None adds none.
         seed: Seed of the noise.
 
     Returns:
-        IdentificationResult: Estimates with standard deviations, beside the simulation's own numbers.
+        IdentificationResult: Estimates with standard deviations, and the simulation's values.
 
     Raises:
-        SpaceRobotError: If no weld holds the target, it has joints, or the motion does not tell its
-            parameters apart.
+        SpaceRobotError: If no weld holds the target, it has joints, or the motion does not make its
+            parameters identifiable.
     """
     scene = result.scene()
     (target, grasp), begin = _held(scene), since
@@ -226,7 +225,7 @@ def _held(scene: Scene) -> tuple[SceneBody, SceneGrasp]:
 
 
 class _Momentum:
-    """Residual of the momentum balance from what the robots' sensors measure, at the chosen samples."""
+    """Residual of the momentum balance, from the robots' sensor readings at the chosen samples."""
 
     def __init__(
         self,

@@ -82,15 +82,15 @@ def rollout(
 ) -> TorchRollout:
     """Build a rollout as a function of PyTorch, ``torch.autograd.Function``.
 
-    Its gradient is the discrete adjoint through all events, as of :func:`spacerobot.gradient`. A backward
+    Its gradient is the discrete adjoint through all events, as in :func:`spacerobot.gradient`. A backward
     pass costs about four simulations, for any number of parameters and quantities.
 
     Args:
         scene: The scene, or the name or file of its scenario.
         quantities: Names of registered quantities; components are combined as in
             :func:`spacerobot.gradient`.
-        parameters: Dotted paths of numbers, or of what holds numbers: that of a network's ``layers`` stands
-            for all its weights and biases, ``*`` for any key.
+        parameters: Dotted paths of numbers, or of lists and sections, which match all numbers in them: a
+            network's ``layers`` match all its weights and biases; ``*`` matches every key.
         backend: ``auto``, ``compiled`` or ``interpreted``.
         threads: Number of threads; one for each usable core if None.
 
@@ -98,7 +98,7 @@ def rollout(
         TorchRollout: The function; ``start`` has the scenario's values.
 
     Raises:
-        ScenarioError: If the scene has nothing that a quantity describes, or a controller has no gradient.
+        ScenarioError: If a quantity does not apply to the scene, or a controller has no gradient.
         SpaceRobotError: If PyTorch is not installed, or there is no such quantity or parameter.
     """
     _torch()

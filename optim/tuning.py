@@ -140,10 +140,10 @@ def tune(
             result, for evolutionary methods only.
         method: ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, ``nlp_ga``
             (the NLP from the GA's best), or one of a plugin.
-        effort: How much may be done; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, in place of
-            those of the tuning section, which holds where nothing is given.
-        folder: Where journals are kept: a killed call, made again, goes on where it was and ends the same.
-        progress: Told now and then.
+        effort: Budget of the method; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, which replace
+            those of the tuning section. None takes those of the section.
+        folder: Folder of the journals, from which an interrupted call resumes with the same result.
+        progress: Callback that receives the progress of each run.
 
     Raises:
         ScenarioError: If the problem does not fit the scene, or a function of a result is to be tuned by

@@ -70,7 +70,7 @@ class Browser:
             self.note(answer.get("method"), answer.get("params", {}))
 
     def note(self, event: str | None, about: dict[str, Any]) -> None:
-        """Hear of an event of the protocol; here nobody does."""
+        """Handle an event of the protocol; ignored by default."""
 
     def evaluate(self, expression: str) -> Any:
         """Value of an expression, awaited."""
@@ -94,20 +94,20 @@ class Browser:
 
 
 def program() -> str | None:
-    """Path of a Chromium; None where there is none on this computer."""
+    """Path of the Chromium program on this computer; None if none is installed."""
     return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 @contextmanager
 def chromium() -> Iterator[Browser | None]:
-    """A browser; None where there is no Chromium on this computer."""
+    """Context of a headless browser; None if no Chromium is installed."""
     with started() as port:
         yield None if port is None else Browser(port)
 
 
 @contextmanager
 def started() -> Iterator[int | None]:
-    """Port at which a Chromium is asked; None where there is none on this computer."""
+    """Context of a running Chromium with its debugging port; None if none is installed."""
     path = program()
     if path is None:
         yield None

@@ -1,4 +1,4 @@
-"""Pictures of a page's scene, taken by a headless Chromium: the same as a user sees."""
+"""Pictures of a page's scene, rendered by a headless Chromium."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def page_pictures(
     level: int = MOVING,
     kind: str = "jpeg",
 ) -> Iterator[bytes]:
-    """Encoded pictures of a page's scene at some times, without its words and curves.
+    """Encoded pictures of a page's scene at some times, without text and charts.
 
     Args:
-        payload: As :func:`viz.page.animation.animation` makes it.
-        times: Of the simulation, s.
-        size_px: Width and height.
-        level: How finely it is drawn, 0 is the finest.
+        payload: Data of the page, from :func:`viz.page.animation.animation`.
+        times: Times of the simulation [s].
+        size_px: Width and height [pixels].
+        level: Level of detail, 0 for the finest.
         kind: ``jpeg`` or ``png``.
 
     Raises:

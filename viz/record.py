@@ -1,7 +1,7 @@
 """Recordings without a display: GIF, PNG, and MP4 where ffmpeg is installed.
 
-They show the page's scene, drawn by a headless Chromium where there is one; else what the built-in
-renderer draws.
+They show the page's scene, rendered by a headless Chromium if one is installed, otherwise by the built-in
+renderer.
 """
 
 from __future__ import annotations
@@ -72,11 +72,12 @@ def write_recording(
     """Write a recording of a result.
 
     Args:
-        result: What to record; an unfinished one up to where it went.
-        path: ``.gif``, or ``.mp4``, which needs ffmpeg.
-        frames_per_s, size_px: Of the recording; those of :data:`USUAL` if not given.
-        speed: Simulated seconds per second; so that it lasts at most 20 s if not given.
-        progress: Told in a few words how far it is.
+        result: Result to record; a diverged one up to its end.
+        path: File with the suffix ``.gif``, or ``.mp4``, which needs ffmpeg.
+        frames_per_s, size_px: Frame rate [1/s], and width and height [pixels]; None takes those of
+            :data:`USUAL`.
+        speed: Simulated seconds per second; None chooses it such that the recording lasts at most 20 s.
+        progress: Callback that receives the progress as text.
 
     Raises:
         ResultError: If the format is not known, ffmpeg is missing or fails, or the file cannot be written.
@@ -109,12 +110,12 @@ def write_recording(
 
 
 def write_poster(result: Result, path: StrPath, *, at: float | None = None) -> None:
-    """Write one picture of a result as PNG, drawn as finely as can be.
+    """Write one picture of a result as PNG, with the finest level of detail.
 
     Args:
-        result: What is shown.
-        path: ``.png``.
-        at: Time [s]; that of the first capture if not given, else the middle.
+        result: Result to show.
+        path: File with the suffix ``.png``.
+        at: Time [s]; None takes the first capture, or the middle if there is none.
 
     Raises:
         ResultError: If the file cannot be written.
@@ -133,7 +134,7 @@ def write_poster(result: Result, path: StrPath, *, at: float | None = None) -> N
 
 
 def _counted(pictures: Iterable[T], count: int, progress: Progress | None) -> Iterator[T]:
-    """Pictures as they are drawn, with a word on how far it is now and then."""
+    """Iterator over pictures that reports the progress after every tenth."""
     for k, picture in enumerate(pictures):
         if progress is not None and k % 10 == 0:
             progress(f"recording: {100 * k // count} %")
@@ -143,7 +144,7 @@ def _counted(pictures: Iterable[T], count: int, progress: Progress | None) -> It
 def frames(
     result: Result, *, rate_hz: float, size_px: tuple[int, int] = (640, 400), speed: float = 1.0
 ) -> Frames:
-    """Pictures of a result at evenly spaced times; ``speed`` is told in them where it is not 1."""
+    """Pictures of a result at evenly spaced times; each shows ``speed`` if it is not 1."""
     scene = result.scene()
     motion = sample_motion(result, scene, pick_rows(result.data.time.values, rate_hz=rate_hz, most=2000))
     return Frames(result, motion, view_of(result, scene), seen_points(result, motion), size_px, speed)
@@ -151,12 +152,12 @@ def frames(
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Pictures, each drawn when it is asked for.
+    """Pictures of a result, each drawn on request.
 
     Attributes:
-        result, motion, view: What is shown, where it is, and how it is looked at.
-        points: What all pictures must hold (k, 3), m.
-        size_px: Width and height.
+        result, motion, view: Result, its sampled motion, and the direction of view.
+        points: Points that all pictures include (k, 3) [m].
+        size_px: Width and height [pixels].
         speed: Simulated seconds per second.
     """
 
@@ -245,7 +246,12 @@ def _gif(pictures: Iterator[Image.Image], frames_per_s: float) -> bytes:
 
 
 def palette_of(picture: Image.Image, counts: Mapping[Image.Quantize, int]) -> Image.Image:
-    """Image with the palette of a picture's colours, so many chosen in each way."""
+    """Image with a palette of a picture's colours.
+
+    Args:
+        picture: The picture.
+        counts: Number of colours to choose, by method of quantisation.
+    """
     palette, colours = Image.new("P", (1, 1)), list[int]()
     for method, count in counts.items():
         entries = picture.quantize(count, method=method).getpalette() or []
@@ -255,7 +261,7 @@ def palette_of(picture: Image.Image, counts: Mapping[Image.Quantize, int]) -> Im
 
 
 def steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
-    """Pictures in which what has hardly changed since it was last drawn, as by compression, stays."""
+    """Pictures in which pixels with only small changes, as from compression, keep their previous colour."""
     previous: Image.Image | None = None
     for picture in pictures:
         if previous is None:

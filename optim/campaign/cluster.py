@@ -25,7 +25,7 @@ class DaskExecutor:
     Attributes:
         address: Address for :func:`optim.workers.cluster.connect`.
         chunk_s: Target duration of a chunk [s].
-        size: Samples of a chunk, if it shall not be sized to seconds.
+        size: Number of samples of a chunk; None derives it from ``chunk_s``.
     """
 
     address: str
@@ -64,9 +64,9 @@ class DaskExecutor:
 
 
 def run_chunk(evaluator: CampaignEvaluator, draws: Array) -> tuple[SampleTable, float]:
-    """Work of one chunk, on a worker: its table, and the seconds that its rollouts took.
+    """Table of the samples of one chunk, and the duration of its rollouts [s].
 
-    One thread: the worker runs as many chunks at once as it was given threads.
+    One thread rolls out, because a worker runs one chunk in each of its threads.
     """
     since = time.perf_counter()
     table = evaluator.evaluate(draws, threads=1)

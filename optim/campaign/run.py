@@ -49,7 +49,7 @@ class CampaignProgress:
     left_s: float = math.nan
 
     def __str__(self) -> str:
-        """Progress in a few words, so that ``progress=print`` reads well."""
+        """Progress in one line, as ``progress=print`` shows it."""
         if not self.total:
             return self.phase
         done = f"{self.done} of {self.total} samples, {100 * self.done / self.total:.0f} %"
@@ -135,7 +135,14 @@ def most_samples(evaluator: CampaignEvaluator) -> int | None:
 
 
 def sized(samples: int, seconds: float, chunk_s: float) -> int:
-    """Number of samples that take about ``chunk_s``, from a chunk's duration; whole grains if large."""
+    """Number of samples of the next chunk, so that it takes about ``chunk_s`` [s].
+
+    It is at most eight times that of the last chunk, and from ``GRAIN`` on a multiple of ``GRAIN``.
+
+    Args:
+        samples, seconds: Number of samples and duration [s] of the last chunk.
+        chunk_s: Target duration [s].
+    """
     wish = samples * chunk_s / max(seconds, 1e-6)
     wish = min(wish, 8 * samples)
     return max(1, int(wish)) if wish < GRAIN else GRAIN * int(wish // GRAIN)
@@ -148,8 +155,8 @@ class CampaignRun:
     Attributes:
         folder: Folder of the store; read it with :func:`optim.campaign.load_campaign`.
         evaluator: Evaluator of the samples.
-        done, total: Samples.
-        interrupted: Whether it was stopped; made again with the same folder, it goes on.
+        done, total: Numbers of finished samples and of all samples.
+        interrupted: Whether it was interrupted; a call with the same folder resumes it.
     """
 
     folder: Path
@@ -169,13 +176,13 @@ def run_campaign(
 ) -> CampaignRun:
     """Roll out every sample of a campaign that is not in its folder yet.
 
-    Killed at any time, it goes on where it was when it is called again; the numbers do not depend on how
-    often that happened, nor on chunks, threads or workers.
+    An interrupted campaign resumes when it is called again. Its numbers do not depend on interruptions,
+    chunks, threads or workers.
 
     Args:
         scene: A scene whose scenario has a ``campaign`` section.
         folder: Folder of the store; created if it does not exist.
-        gains: Sets of gains: changes by dotted path, by name; the section's if None.
+        gains: Sets of gains by name, each of changes by dotted path; the section's if None.
         executor: Executor of the chunks; this process if None.
         progress: Callback at the beginning of each phase, and after each chunk.
 

@@ -40,10 +40,10 @@ class Assessment:
 
 @dataclass(frozen=True)
 class CompileTimes:
-    """Time to compile what rollouts and their derivatives need, or to load it from the cache.
+    """Time to compile the functions of rollouts and of their derivatives, or to load them from the cache.
 
     Attributes:
-        rollout_s, gradient_s: Until the first rollout, and from then until the first derivatives.
+        rollout_s, gradient_s: Time up to the first rollout, and from then to the first derivatives [s].
     """
 
     rollout_s: float
@@ -57,13 +57,15 @@ class ProblemComparison:
     Attributes:
         name: Name of the problem.
         problem: Problem to be solved.
-        nominal: Problem of the nominal plant; the same one where there is one plant.
+        nominal: Problem of the nominal plant; equal to ``problem`` if there is one plant.
         outcomes: Outcome of each method, by name.
-        errors: Largest error of each run's best in each direction, (runs, n), by method.
-        start: The objective at the scenario's own values.
-        baseline, assessments: The untuned design, and each method's best, by method; empty without a judge.
+        errors: Largest tip error of each run's best design in each direction, (runs, n), by method.
+        start: Objective at the scenario's values.
+        baseline, assessments: Assessment of the untuned design, and of each method's best design by method;
+            empty without a design evaluator.
         sensitivity: Sensitivity of the objective to each variable, at the start and at the best point.
-        cost_unit, readiness: Cost of the evaluations in rollouts, and time to prepare them [s].
+        cost_unit: Cost of each kind of evaluation in rollouts.
+        readiness: Time to compile the functions of the rollouts.
     """
 
     name: str
@@ -81,12 +83,12 @@ class ProblemComparison:
 
     @property
     def ranked(self) -> list[str]:
-        """Methods that solve the same problem and are ranked."""
+        """Names of the methods that are ranked."""
         return [name for name in self.outcomes if TUNING_METHODS.find(name).is_ranked]
 
     @property
     def best_known(self) -> float:
-        """Best feasible objective over all ranked methods and runs; NaN if there is none."""
+        """Best feasible objective over all ranked methods and runs; NaN if no run is feasible."""
         runs = [run for name in self.ranked for run in self.outcomes[name].runs if run.feasible]
         return min((run.objective for run in runs), default=float("nan"))
 
@@ -190,10 +192,12 @@ def assess(judge: DesignEvaluator, design: dict[str, float]) -> Assessment:
 
 
 def _evolved(outcomes: dict[str, MethodOutcome], method: str) -> MethodOutcome:
-    """Outcome from whose best a method starts; that of another one without gradients if it did not run.
+    """Outcome whose best point is a method's start.
+
+    It is that of ``starts_from``, or of another ranked method without gradients if that one did not run.
 
     Raises:
-        SpaceRobotError: If there is none.
+        SpaceRobotError: If no such method ran.
     """
     first = TUNING_METHODS.find(method).starts_from
     methods = TUNING_METHODS.entries()

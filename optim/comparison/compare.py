@@ -26,7 +26,7 @@ class Comparison:
     Attributes:
         name: Name of the scenario, or of the suite.
         problems: Comparison on each problem.
-        wall_s: Time it all took.
+        wall_s: Elapsed time [s].
         interrupted: Whether it was stopped before its end.
     """
 
@@ -56,14 +56,14 @@ def compare(
         methods, variants, sets: Names of methods, variants and sets of variables; all that the section names
             if None.
         effort: Budget of the methods; see :func:`even_effort` if None.
-        session: Who does it, and where journals are kept; threads of this process, and nowhere, if None.
+        session: Workers, journals and callbacks; None uses threads of this process and no journals.
 
     Returns:
         Comparison: One problem for each variant and set of variables; after Ctrl-C, the results so far.
 
     Raises:
-        ScenarioError: If there is no tuning section, or it does not have what was asked for, or the memory
-            does not hold what a design's result takes.
+        ScenarioError: If there is no tuning section, it has no such variant or set of variables, or the
+            result of a design does not fit into memory.
     """
     tuning, session = tuning_of(scene), session or SearchSession()
     check_size(scene)
@@ -82,11 +82,13 @@ def compare(
 def even_effort(
     tuning: Tuning, changes: Mapping[str, int | None] | None = None, *, full: bool = False
 ) -> Effort:
-    """Effort with the same budget for every method that draws points.
+    """Effort with the same budget for the GA and the other evolutionary methods.
 
     Args:
-        tuning: Tuning section; its ``baseline_budget``, or its ``budget`` if ``full``, is that of each run.
-        changes: ``budget``, ``runs``, ``starts``, ``seed`` in place of the section's; None leaves one.
+        tuning: Tuning section.
+        changes: ``budget``, ``runs``, ``starts`` and ``seed`` that replace the section's; None keeps one.
+        full: Whether the budget of each run is the section's ``budget``, otherwise its ``baseline_budget`` if
+            that is smaller.
     """
     budgets = dict(changes or {})
     budget = budgets.get("budget") or (tuning.budget if full else min(tuning.budget, tuning.baseline_budget))
@@ -96,12 +98,12 @@ def even_effort(
 def compete(
     name: str, problems: Iterable[tuple[BenchmarkProblem, Sequence[str], Effort]], session: SearchSession
 ) -> Comparison:
-    """Run problems one after the other.
+    """Compare methods on several problems in turn.
 
     Args:
         name: Name of the comparison.
-        problems: Problem, methods and effort of each; built when their turn comes.
-        session: Who does it.
+        problems: Problem, methods and effort of each comparison; a generator builds them one at a time.
+        session: Workers, journals and callbacks.
     """
     begin, comparisons = time.perf_counter(), list[ProblemComparison]()
     for entry, methods, effort in problems:

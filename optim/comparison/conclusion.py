@@ -11,13 +11,14 @@ Data = Mapping[str, Any]
 
 
 def conclusion(data: Data) -> str:
-    """State which method has the lowest expected running time on how many problems, and the exceptions.
+    """Sentence on the method that has the lowest expected running time on most problems.
 
     Args:
-        data: A comparison, as :func:`optim.comparison.report.to_data` makes it.
+        data: A comparison, from :func:`optim.comparison.report.to_data`.
 
     Returns:
-        str: One sentence; it says so if fewer than two methods can be ranked.
+        str: The method, the number of problems, and the exceptions; another sentence if fewer than two
+            methods can be ranked.
     """
     judged = [p for p in JUDGED if p in data["precisions"]]
     lowest = {

@@ -1,6 +1,6 @@
-"""The cost unit of a comparison: operations of the generated code, in units of one plain rollout.
+"""The cost unit of a comparison: number of operations, in units of one plain rollout.
 
-An operation is one instruction of a CasADi function: an addition, a product, a sine. What is counted does not
+An operation is one instruction of a CasADi function: an addition, a product, a sine. The count does not
 depend on the load of the machine, its compiler or its number of lanes.
 """
 
@@ -28,10 +28,9 @@ class CostUnit:
 
     Attributes:
         operations: Number of operations of one plain rollout.
-        gradient: Rollouts that a rollout with one gradient by the adjoint costs, whatever the number of
-            variables.
-        slope: Rollouts that a rollout with its derivative along one direction costs.
-        sample: Rollouts that a rollout which samples its outputs costs.
+        gradient: Cost of a rollout with one gradient by the adjoint, for any number of variables [rollouts].
+        slope: Cost of a rollout with its derivative along one direction [rollouts].
+        sample: Cost of a rollout that samples its outputs [rollouts].
     """
 
     operations: int
@@ -46,15 +45,15 @@ class CostUnit:
 
 
 def cost_unit_of(problem: TuningProblem) -> CostUnit:
-    """Prices of a problem's evaluations, from the operations of the functions that its rollouts evaluate.
+    """Cost of a problem's evaluations, from the operations of the functions that its rollouts evaluate.
 
-    A plain rollout evaluates the dynamics four times a step. The adjoint does so too, then their reverse four
-    times a step; where its tape is longer than what is kept whole, it integrates all but the last segment
-    once more. A slope is a rollout of the dynamics together with their derivative; it samples what the
-    linearisation of a minimax objective, or of a sum of squares, asks for. Empty lanes are not charged.
+    A plain rollout evaluates the dynamics once in each stage of each step. The adjoint does so too and then
+    evaluates their reverse as often; if its tape is too short for all steps, it integrates all but the last
+    segment twice. A slope is a rollout of the dynamics with their derivative, with samples of the outputs
+    that a minimax objective or a sum of squares needs. Empty lanes do not count.
 
     Args:
-        problem: The problem; with several plants, its nominal one: prices are the same for each plant.
+        problem: The problem; of several plants the nominal one, since the cost is the same for each.
     """
     rollout = problem.rollout
     kernel, grid, wrt = rollout.kernel, rollout.grid, rollout.indices(problem.names)
@@ -82,7 +81,7 @@ def cost_unit_of(problem: TuningProblem) -> CostUnit:
 
 
 def operations(function: ca.Function) -> int:
-    """Operations of one evaluation of an SX function; reading, writing and constants are none."""
+    """Number of operations of one evaluation of an SX function, without inputs, outputs and constants."""
     return sum(function.instruction_id(i) not in MOVES for i in range(function.n_instructions()))
 
 

@@ -1,4 +1,4 @@
-"""Plants that gains were never tuned for, and the rollout that judges every design by the same measures."""
+"""Evaluation of all designs by one rollout: on the nominal plant and on plants with other parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class DesignEvaluator:
     threads: int | None = None
 
     def nominal(self, design: Mapping[str, float]) -> dict[str, Array]:
-        """Objective () and measures (n,) of a design; an empty one is the scenario's own."""
+        """Objective () and measures (n,) of a design; an empty design has the scenario's values."""
         nothing = {self.rollout.loop.parameter_paths[0]: self.rollout.values()[:1]}
         measures = self._roll(design, nothing)
         return {name: values[0] for name, values in measures.items()}
@@ -45,7 +45,7 @@ class DesignEvaluator:
 
     @cached_property
     def plants(self) -> dict[str, Array]:
-        """Values (N,) of what differs, by dotted path; a Latin hypercube."""
+        """Values (N,) of the numbers that differ between the plants, by dotted path: a Latin hypercube."""
         from scipy.stats import qmc
 
         groups = _groups(self.scene, self.spread)
@@ -70,7 +70,7 @@ class DesignEvaluator:
 def build_design_evaluator(
     scene: Scene, *, variant: str | None = None, threads: int | None = None
 ) -> DesignEvaluator:
-    """Judge of the designs of one variant.
+    """Evaluator of the designs of one variant.
 
     Args:
         scene, variant: See :func:`optim.problem.tuning_problem.build_problem`.
@@ -95,7 +95,7 @@ def build_design_evaluator(
 
 
 def _groups(scene: Scene, spread: Robustness) -> list[tuple[list[str], float, float]]:
-    """Parameters that vary together: paths (or what they begin with), relative and absolute spread."""
+    """Groups of parameters with a common deviation: paths or prefixes, relative and absolute spread."""
     groups: list[tuple[list[str], float, float]] = []
     for body in scene.bodies:
         if body.path == "target":

@@ -33,7 +33,7 @@ class DataProfile:
 
 
 def budgets_of(hits: Mapping[str, Sequence[Array]]) -> Array:
-    """Budgets from half the least to the largest cost at which anything was solved; shape (n,)."""
+    """Budgets (n,) in equal ratios, from half the smallest to the largest cost of a met target."""
     every = np.concatenate([np.ravel(table) for tables in hits.values() for table in tables] or [np.ones(1)])
     solved = every[np.isfinite(every)]
     if not len(solved):
@@ -44,8 +44,8 @@ def budgets_of(hits: Mapping[str, Sequence[Array]]) -> Array:
 def profile(hits: Sequence[Array], budgets: Array) -> DataProfile:
     """Data profile of one method.
 
-    Each problem counts the same, and in it each target and run. The bootstrap draws problems, and runs in
-    each problem drawn.
+    Problems have equal weights, and so have the targets and runs of each. The bootstrap draws problems, and
+    runs within each drawn problem.
 
     Args:
         hits: Cost at which each run met each target, (runs, targets) for each problem; infinite where it did

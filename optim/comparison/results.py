@@ -48,9 +48,13 @@ def write(comparison: Comparison, folder: StrPath) -> dict[str, Any]:
 
 
 def results_of(benchmark: ProblemComparison) -> Iterator[tuple[str, Result]]:
-    """The untuned design and each method's best, if evaluated, simulated at the scenario's own step.
+    """Simulations of the untuned design and of each method's best design, with the scenario's step.
 
-    They share one closed loop, so that they are quick; ``simulate`` on the scenario of one gives the same.
+    The designs share one closed loop, which saves time; ``simulate`` of a design's scenario gives the same
+    result. Empty if the designs were not assessed.
+
+    Yields:
+        tuple: ``baseline`` or the name of the method, and the result.
     """
     if benchmark.baseline is None:
         return

@@ -51,10 +51,10 @@ class RunningTime:
     Attributes:
         expected, low, high: Expected running time in rollouts and its bootstrap interval; infinite where no
             run met the target.
-        met, runs: Runs that met it, of how many.
+        met, runs: Number of runs that met the target, and of all runs.
         rate_low, rate_high: Wilson's interval of the success rate.
-        until_met, until_end: Mean cost of the runs that met it, until then, and of the others, until their
-            end; NaN if there are none.
+        until_met: Mean cost at which the successful runs met the target; NaN without any.
+        until_end: Mean cost of the other runs up to their end; NaN without any.
     """
 
     expected: float
@@ -120,7 +120,7 @@ def running_time(trials: Sequence[MethodRun], target: float) -> RunningTime:
 
 
 def _ratio(cost: npt.ArrayLike, met: npt.ArrayLike) -> Array:
-    """Cost over successes; infinite without one."""
+    """Cost divided by the number of successes; infinite without a success."""
     cost, met = np.asarray(cost, dtype=float), np.asarray(met, dtype=float)
     ratio = np.full(cost.shape, np.inf)
     np.divide(cost, met, out=ratio, where=met > 0)

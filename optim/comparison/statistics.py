@@ -8,7 +8,7 @@ from spacerobot.common.arrays import Array
 
 
 def statistics(values: Array) -> dict[str, float | int | None]:
-    """Best, median, quartiles and worst; a value that is no number counts as worse than any other."""
+    """Best, median, quartiles and worst of objectives; NaN counts as infinite."""
     if not len(values):
         return {"best": None, "median": None, "lower": None, "upper": None, "worst": None}
     ranked = np.where(np.isfinite(values), values, np.inf)

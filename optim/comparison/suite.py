@@ -41,8 +41,8 @@ def compare_suite(
     Args:
         problems: Names of the problems; all if None.
         methods: Names of the methods; the suite's if None.
-        effort: ``budget``, ``runs``, ``starts`` and ``seed`` in place of the suite's; None leaves one.
-        session: Who does it, and where journals are kept.
+        effort: ``budget``, ``runs``, ``starts`` and ``seed`` that replace the suite's; None keeps one.
+        session: Workers, journals and callbacks; None uses threads of this process and no journals.
 
     Raises:
         SpaceRobotError: If there is no such problem.

@@ -41,7 +41,7 @@ class SweepRun:
     """Runs of the GA with one setting changed.
 
     Attributes:
-        setting, value: ``crossover``, ``mutation`` or ``population``, and what it was set to.
+        setting, value: ``crossover``, ``mutation`` or ``population``, and its value.
         runs: Outcome for each seed.
     """
 
@@ -123,8 +123,8 @@ def sweep(
 
     Args:
         problem: Problem of :func:`optim.build_problem`; or a scene, or the name or file of its scenario.
-        budget: Maximum number of rollouts of a run. Settings that do not vary are the tuning section's
-            population and the paper's values.
+        budget: Maximum number of rollouts of a run. Settings that do not vary are the population of the tuning
+            section and the paper's probabilities.
         runs: Number of runs of each setting.
         seed: Seed of the first run of each setting.
         folder: Folder of the journals, from which an interrupted sweep continues; none if None.
@@ -157,10 +157,10 @@ def run_sweep(
 
     Args:
         problem: The problem.
-        protocol: Settings that do not vary; 1000 rollouts a run and the paper's values if None.
-        runs: Seeds for each setting; the same ones everywhere.
-        seed: The first.
-        session: Who does the runs, and where journals are kept; this process, and nowhere, if None.
+        protocol: Settings that do not vary; 1000 rollouts per run and the paper's values if None.
+        runs: Number of runs of each setting.
+        seed: Seed of the first run of each setting; later runs have the following seeds.
+        session: Workers, journals and callbacks; None uses threads of this process and no journals.
     """
     session = session or SearchSession()
     folder, progress = session.place, session.progress

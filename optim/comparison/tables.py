@@ -1,6 +1,6 @@
 """Tables of a comparison, from the data of ``comparison.json``, for terminals, documents and pages.
 
-All numbers of one problem are in the units that its title names, the same everywhere.
+All numbers of a problem are in the units that the title of its table gives.
 """
 
 from __future__ import annotations
@@ -34,7 +34,13 @@ def summary_table(data: Data) -> Table:
 
 
 def running_time_table(benchmark: Data, precisions: list[float], *, narrow: bool = False) -> Table:
-    """Expected running time of each ranked method, its interval unless narrow, and how many runs met it."""
+    """Table of each ranked method's expected running time and number of successful runs, for each precision.
+
+    Args:
+        benchmark: Data of one problem.
+        precisions: Precisions of the targets.
+        narrow: Whether the intervals of the running times are left out.
+    """
     heads = [head for p in precisions for head in (f"to {percent(p)}", "met")]
     rows = []
     for name, method in benchmark["methods"].items():

@@ -1,9 +1,9 @@
 """Evolutionary methods through pymoo (GA, differential evolution, PSO, CMA-ES), random and Sobol search.
 
-Each method evaluates the problem's own start first, as the NLP does, so that all have the same information. A
+Each method evaluates the problem's start first, as the NLP does, so that all have the same information. A
 population that has converged or stagnates is restarted with another seed until the budget is spent. CMA-ES
-restarts by itself with the BIPOP rule: beside populations that double from one restart to the next it runs
-smaller ones, as long as these have cost less. Each of its runs ends by its own tolerances.
+restarts by the BIPOP rule: it runs populations that double from one restart to the next, and smaller
+populations as long as these have cost less in sum. Each of its runs ends by its tolerances.
 """
 
 from __future__ import annotations
@@ -138,12 +138,12 @@ def evolve(search: Search, protocol: EvolutionSettings) -> SearchRun:
     """Search with the method that ``search.method`` names, until the budget is spent.
 
     Args:
-        search: What evaluates; its seed decides everything random.
+        search: The search, whose seed determines all random numbers.
         protocol: Population, budget and probabilities.
 
     Returns:
-        Run: Status ``budget spent`` or ``interrupted``; the message says how often the population was begun,
-            if more than once.
+        Run: Status ``budget spent`` or ``interrupted``; the message gives the number of populations if there
+            was more than one.
 
     Raises:
         SpaceRobotError: If there is no such method.

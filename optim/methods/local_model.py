@@ -1,12 +1,12 @@
 """Local models of a descent: values and first derivatives at a point, and the step that minimises the model.
 
-A point's values are one vector y = (beside, g, r): what the objective holds beside the rows, the constraints,
-and the rows. They are smooth in u, although the objective, made of them by a maximum, is not. The model of a
-step d is convex,
+The values at a point form one vector y = (s, g, r): the smooth part of the objective, the constraints, and
+the rows. Each is smooth in u, although the objective s + outer(r), with outer a maximum or a sum of squares,
+need not be. The model of a step d is convex,
 
-    phi(d) = [beside + b d + d'Bd/2 + outer(r + R d)] / scale + weight * max(0, g + G d),
+    phi(d) = [s + b d + d'Bd/2 + outer(r + R d)] / scale + weight * max(0, g + G d),
 
-and is minimised over a box: by a linear program where outer is the maximum and B vanishes, else by a
+and is minimised over a box: by a linear program if outer is the maximum and B vanishes, otherwise by a
 quadratic one.
 """
 
@@ -86,8 +86,8 @@ class LocalModel:
     Attributes:
         form: Form of the objective.
         at: Evaluated point.
-        slopes: Derivative of y by the variables, (1 + m + n, k).
-        curvature: B (k, k), which multiplies the step twice in the part of the objective without rows.
+        slopes: Jacobian dy/du (1 + m + n, k), the rows b, G and R.
+        curvature: B (k, k), approximate Hessian of the smooth part s.
         scale: Magnitude by which the merit function divides the objective.
         weight: Weight of the largest violation in the merit function.
     """
@@ -107,7 +107,7 @@ class LocalModel:
 
     @property
     def reach(self) -> Array:
-        """Weight (k,) of each variable in the length of a step: how much it changes the largest rows."""
+        """Weight (k,) of each variable in the length of a step: its effect on the largest rows, 1 at most."""
         rows, slopes = self.at.rows, self.slopes[1 + len(self.at.constraints) :]
         if not len(rows):
             return np.ones(self.slopes.shape[1])
@@ -149,7 +149,11 @@ class LocalModel:
     def _program(
         self, linear: Array, curvature: Array, rows: Array, slopes: Array, box: tuple[Array, Array]
     ) -> Array:
-        """Least linear d + d'Bd/2 + s + v, with r + R d <= s and g + G d <= v >= 0, all scaled."""
+        """Step d (k,) that minimises linear d + d'Bd/2 + t + v.
+
+        The slacks are t >= r + R d, the maximum of the rows, and v >= 0 with v >= g + G d, the violation.
+        The terms are divided by the scale, and v is multiplied by the weight.
+        """
         m, k, n = len(self.at.constraints), len(linear), len(rows)
         cost = np.concatenate([linear / self.scale, [float(n > 0)], [float(m > 0)]])
         hessian = np.zeros((k + 2, k + 2))
@@ -167,7 +171,7 @@ class LocalModel:
 def solve_program(
     cost: Array, hessian: Array, matrix: Array, bounds: Array, box: tuple[Array, Array]
 ) -> Array:
-    """Least cost x + x'Hx/2 with matrix x <= bounds inside a box, by HiGHS."""
+    """Minimiser x of cost' x + x'Hx/2 subject to matrix x <= bounds and a box, by HiGHS; zero if it fails."""
     flat = not hessian.any()
     sizes = {"a": ca.Sparsity.dense(*matrix.shape)}
     values: dict[str, Any] = {"g": cost, "a": matrix, "lba": -np.inf, "uba": bounds}

@@ -1,8 +1,8 @@
-"""The manual procedure of section 4.3, steps i to iii, done by rule and written down step by step.
+"""The manual tuning procedure of section 4.3, steps i to iii, by fixed rules and with a log of its trials.
 
 i.   K_i = K_d = 0; raise K_p until the error no longer falls or the loop oscillates.
 ii.  If it oscillated, halve K_p; raise K_i until the error no longer falls or the loop oscillates.
-iii. Raise K_d as long as oscillations are reduced, or the error is.
+iii. Raise K_d as long as this reduces the oscillations or the error.
 
 The amnesia controller is off (G_e = 0) during i and ii: with it, and K_d = 0, no K_p and K_i keep the loop
 stable. The oscillations that iii removes are its own. The paper gives no numbers for "rapidly", "little
@@ -33,12 +33,12 @@ NEEDED = ("kp", "ki", "kd")
 def manual(search: Search, problem: TuningProblem) -> SearchRun:
     """Tune ``kp``, ``ki`` and ``kd`` by the manual procedure; the other variables stay at the start.
 
-    The procedure is the paper's way to find bounds, so it does not keep to them: the point found may lie
-    outside the unit cube. Where a variable has a log scale, its lower bound stands for zero.
+    In the paper the procedure serves to find bounds, so it does not respect them: the result may lie outside
+    the unit cube. A variable with a log scale has its lower bound in place of zero.
 
     Returns:
-        Run: Status ``done``, or ``not applicable`` where the three gains are not all free; the log holds each
-            trial.
+        Run: Status ``done``, ``interrupted``, or ``not applicable`` if one of the three gains is not free;
+            the log holds each trial.
     """
     if any(name not in problem.names for name in NEEDED):
         present = ", ".join(problem.names) or "none"
@@ -155,7 +155,7 @@ class _Trials:
 
 
 def _turns(values: Array, threshold: float) -> int:
-    """Turning points of a signal that are at least a threshold apart."""
+    """Number of turning points of a signal whose values differ by at least a threshold."""
     turns, extreme, rising = 0, values[0], 0
     for value in values[1:]:
         if rising >= 0 and value < extreme - threshold:

@@ -40,18 +40,18 @@ def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = F
 
 
 def solve_from_many(search: Search, settings: NlpSettings, starts: int) -> SearchRun:
-    """Descend from several starts: the scenario's own point and a Sobol sequence are screened for the best.
+    """Descend from several starts: the problem's start and the best points of a Sobol sequence.
 
-    One descent goes first; 2, 4, ... follow side by side, from the best screened points that lie apart from
-    earlier starts and from the optima found, until there were so many starts or the budget is spent.
+    The first round has one descent; those after it have 2, 4, ... concurrent ones. They start from the best
+    screened points that keep a distance from earlier starts and from the optima found so far.
 
     Args:
-        search: What evaluates; its seed scrambles the sequence.
-        settings: How it is solved.
-        starts: How many at most.
+        search: The search, whose seed scrambles the sequence.
+        settings: Settings of the descents.
+        starts: Maximum number of starts; fewer if the budget is spent.
 
     Returns:
-        Run: Its log tells of each descent.
+        Run: The run; its log holds each descent.
     """
     from scipy.stats import qmc
 

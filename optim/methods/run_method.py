@@ -1,4 +1,4 @@
-"""Methods by their names: tuning and comparing run all of them from here."""
+"""Run of a method by its name, for tuning and for comparisons."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _run_of(data: Mapping[str, Any]) -> SearchRun:
 
 
 def stored_number(value: float | None, missing: float = np.nan) -> float:
-    """Number of a JSON file, in which null stands for one that is not finite."""
+    """Number of a JSON file; null, which replaces NaN and infinity there, becomes ``missing``."""
     return missing if value is None else float(value)
 
 
@@ -130,17 +130,17 @@ def run_method(
     first: Array | None = None,
     session: SearchSession | None = None,
 ) -> MethodOutcome:
-    """Run a method as often as the effort says.
+    """Run a method, with the number of runs that the effort gives.
 
     Args:
         problem: The problem; ``manual`` needs a :class:`TuningProblem`.
         method: Its name in :data:`spacerobot.common.registry.TUNING_METHODS`.
-        effort: How much it may do.
-        first: Start in the unit cube (k,) of a method that starts from another one's best.
+        effort: Budget of the method.
+        first: Start in the unit cube (k,) of a method that starts from another one's best point.
         session: Journals, workers and callbacks; no journals and threads of this process if None.
 
     Raises:
-        SpaceRobotError: If there is no such method, or it lacks what it needs.
+        SpaceRobotError: If there is no such method, or ``first`` is missing.
     """
     tuning_method: TuningMethod = TUNING_METHODS.find(method)
     if tuning_method.starts_from is not None and first is None:

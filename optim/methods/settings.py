@@ -1,4 +1,4 @@
-"""Settings of tuning methods, and how much each may do."""
+"""Settings and budgets of tuning methods."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class NlpSettings(SearchSettings):
 
     Attributes:
         iterations: Maximum number of iterations from one start.
-        tolerance: Predicted fall of the objective, relative to its value, at which a descent ends.
-        screen: Points of a Sobol sequence that are tried for each start.
-        budget: Rollouts (gradients counted as four, slopes as three) after which the search ends; no limit if
-            None.
+        tolerance: Predicted decrease of the objective, relative to its value, at which a descent ends.
+        screen: Points of a Sobol sequence that are evaluated for each start.
+        budget: Cost after which the search ends, in rollouts: a gradient counts as four, a slope as three.
+            None sets no limit.
     """
 
     iterations: int = 100
@@ -59,11 +59,12 @@ class Effort:
     """Budget of each method.
 
     Attributes:
-        protocol, runs: Of the evolutionary methods.
-        baseline: Protocol of those that are not the GA.
-        nlp, starts, repeats: Settings of the NLP, its number of starts, and how often it is repeated with
-            another seed.
-        seed: Seed of everything random.
+        protocol: Settings of the evolutionary methods with a budget of their own, such as the GA.
+        baseline: Settings of the other evolutionary methods.
+        runs: Number of runs of each evolutionary method.
+        nlp, starts: Settings of the NLP and its number of starts.
+        repeats: Number of runs of the NLP, each with its own seed.
+        seed: Seed of the first run.
     """
 
     protocol: EvolutionSettings = field(default_factory=EvolutionSettings)
@@ -80,8 +81,8 @@ def effort_of(tuning: Tuning, **changes: int | None) -> Effort:
 
     Args:
         tuning: The section.
-        **changes: ``budget``, ``baseline_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` in its
-            place; None leaves it.
+        **changes: ``budget``, ``baseline_budget``, ``runs``, ``starts``, ``seed`` and ``repeats`` that
+            replace the section's; None keeps one.
     """
     settings = {name: value for name, value in changes.items() if value is not None}
     evolution = EvolutionSettings(population=tuning.population, budget=settings.get("budget", tuning.budget))

@@ -18,7 +18,7 @@ from spacerobot.common.registry import TUNING_METHODS, Registry, required
 
 @dataclass(frozen=True)
 class SearchFactory:
-    """Begins searches of one problem, each with a journal of its own."""
+    """Factory of searches of one problem, each with its own journal."""
 
     problem: OptimisationProblem
     session: SearchSession
@@ -34,13 +34,13 @@ class SearchFactory:
 
 @dataclass(frozen=True)
 class MethodRequest:
-    """A problem for a method, and how much may be done.
+    """A problem for a method, and the method's budget.
 
     Attributes:
         problem: The problem.
-        begin: Begins a search with a journal of its own.
-        effort: How much it may do.
-        first: Start in the unit cube (k,), of a method that starts from another one's best.
+        begin: Factory of the problem's searches.
+        effort: Budget of the method.
+        first: Start in the unit cube (k,) of a method that starts from another one's best point.
     """
 
     problem: OptimisationProblem
@@ -78,6 +78,6 @@ class TuningMethod:
         """Independent runs, each a function without arguments; they may run at the same time.
 
         Raises:
-            SpaceRobotError: If it cannot solve the problem, or lacks what it starts from.
+            SpaceRobotError: If it cannot solve the problem, or its start is missing.
         """
         raise NotImplementedError

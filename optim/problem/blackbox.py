@@ -28,7 +28,7 @@ class ResultProblem(DerivedProblem):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """No cost, because there is no gradient."""
+        """Zero cost, because derivatives are not available."""
         return EvaluationCost()
 
     @property
@@ -48,7 +48,7 @@ class ResultProblem(DerivedProblem):
         return Evaluation(scores, constraints)
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
-        """Refuse derivatives, because there is no gradient.
+        """Raise an error, because derivatives are not available.
 
         Raises:
             SpaceRobotError: Always.

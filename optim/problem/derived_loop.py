@@ -1,7 +1,7 @@
-"""Closed loops made from closed loops: parameters tied together, states added.
+"""Closed loops derived from others: with parameters tied to common variables, or with further states.
 
-Both return an object that rollouts take for a closed loop, so that exact gradients are with respect to the
-variables themselves, and a variable costs one direction however many numbers it sets.
+Rollouts treat the result as any closed loop. Exact gradients are therefore with respect to the variables, and
+a variable costs one direction of differentiation, whatever the number of parameters that it sets.
 """
 
 from __future__ import annotations

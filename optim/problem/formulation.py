@@ -21,14 +21,14 @@ from spacerobot.scene import Scene
 
 @dataclass(frozen=True)
 class Formulation:
-    """A closed loop whose variables are free, with what is measured of its rollouts.
+    """A tuning problem: a closed loop, its design variables, and the measures of its rollouts.
 
     Attributes:
-        scene: The scene, the tuning problem's changes made.
-        loop: Closed loop whose variables are not tied yet.
-        variables: The free numbers.
+        scene: Scene with the changes of its tuning section.
+        loop: Closed loop before parameters are tied to variables.
+        variables: The design variables.
         terms: Objective and constraints.
-        rollout: Parameters are the variables by name, then everything else by dotted path.
+        rollout: Rollout, whose parameters are the variables by name, then all other numbers by dotted path.
     """
 
     scene: Scene
@@ -74,11 +74,11 @@ class Formulation:
 
 
 def rollout_of(scene: Scene, loop: ClosedLoopFunctions, terms: ObjectiveTerms) -> Rollout:
-    """Rollout of a closed loop by the step of the scene's tuning section, which gathers what is measured.
+    """Rollout of a closed loop with the step of the scene's tuning section and the problem's measures.
 
     Args:
-        scene: Gives the duration, the method and the step.
-        loop: Closed loop of the scene, variables tied or not.
+        scene: Scene with the duration, the method and the step.
+        loop: Closed loop of the scene, with or without tied parameters.
         terms: Measures and costs of the problem.
     """
     simulation = scene.scenario.simulation

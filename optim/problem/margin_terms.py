@@ -1,9 +1,10 @@
 """Stability margins as constraints and objective of a tuning problem, with exact derivatives.
 
-A margin m that shall be at least m0 is the constraint ``g = m0 / m - 1`` above m0 and ``g = 1 - m / m0``
-below: smooth at m0, -1 for an infinite margin, where it is violated relative to m0. The state at an instant
-is that of the simulation with the same values: forward sensitivities give its derivatives. A state z' = 1
-beside those of the closed loop is the time, so that its sensitivity at an event is that of the event's time.
+The requirement m >= m0 on a margin becomes the constraint g <= 0 with ``g = m0 / m - 1`` for m > m0 and
+``g = 1 - m / m0`` otherwise. It is continuously differentiable at m0, tends to -1 for an infinite margin, and
+is the relative shortfall below m0. The loop is linearised at the state of the simulation with the same
+values, whose derivatives are forward sensitivities. A further state z' = 1 is the time, so that its
+sensitivity at an event is that of the event's time.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class MarginRow:
         return f"{self.requirement.kind} margin of {self.loop} at {self.label}"
 
     def text(self, value: float) -> str:
-        """A value with its unit and what is required, for people."""
+        """A value with its unit and the required minimum, as text."""
         unit, least = MARGINS[self.requirement.kind], self.requirement.least
         value_text = f"{value:.6g}" + ("" if unit == "1" else f" {unit}")
         return value_text if least is None else f"{value_text}, at least {least:g}"
@@ -87,9 +88,9 @@ class MarginTerms:
         return repr((self.rows, None if self.simulation is None else self.simulation.grid))
 
     def values(self, values: Array, *, slopes: bool = False) -> list[MarginValue]:
-        """Margins at values (k,) of the variables, and their derivatives by them where these are asked for.
+        """Margins at values (k,) of the variables, and with ``slopes`` their derivatives by the variables.
 
-        They are NaN where the simulation does not reach an instant.
+        All are NaN if the simulation does not reach an instant.
         """
         lost = MarginValue("", np.nan, np.full(len(values), np.nan))
         margins = list[MarginValue]()
@@ -169,13 +170,13 @@ def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
     """Margins of a scene's tuning section; None if it names none.
 
     Args:
-        scene: The scene, the tuning problem's changes made.
+        scene: Scene with the changes of its tuning section.
         free: Variables of the problem.
 
     Raises:
         DivergedError: If the scenario's own simulation does not reach an instant.
-        ScenarioError: If there is no such instant or break point, a loop's margins are not defined since it
-            varies in time, or a weight is not that of one loop at one instant.
+        ScenarioError: If there is no such instant or break point, a loop varies in time, so that its margins
+            are undefined, or a weight does not belong to one loop at one instant.
     """
     tuning = scene.scenario.tuning
     if tuning is None or not tuning.margins:

@@ -43,11 +43,11 @@ def reading(objective: Objective) -> tuple[str, float, str]:
 
 @dataclass(frozen=True)
 class ReducedObjective:
-    """An objective made of a measure of several components.
+    """An objective that is a function of a measure with several components.
 
     Attributes:
-        measure: Over the closed loop's outputs.
-        cost: Function of the measure's components, symbols (n,), that gives the objective.
+        measure: Measure of the closed loop's outputs, with n components.
+        cost: Function from symbols (n,) of the components to the objective.
     """
 
     measure: Measure
@@ -60,15 +60,15 @@ UserObjective = Callable[[Signals], Measure | ReducedObjective]
 
 @dataclass(frozen=True)
 class ObjectiveTerms:
-    """Measures of each rollout, and the objective and constraints made of them.
+    """Measures of each rollout, and the objective and constraints that are functions of them.
 
     Attributes:
         measures: Measures, and one cost: the objective.
-        form: Form of the objective.
+        form: Form of the objective: ``smooth``, ``minimax`` or ``squares``.
         limits: Limit of each component of each constrained measure, by the measure's name.
-        residuals: ``squares``: outputs, factors w and entries of the outputs; the objective is the sum of w
-            times the integral of the squared entries.
-        margins: Stability margins that are required or weighed; none if None.
+        residuals: For ``squares``: outputs, factors w and entries of the outputs. The objective is the sum of
+            w times the integral of the squared entries.
+        margins: Stability margins in constraints and objective; None without them.
     """
 
     measures: Measures
@@ -79,10 +79,11 @@ class ObjectiveTerms:
 
 
 def extended_loop(loop: ClosedLoopFunctions, scene: Scene, objective: Objective) -> ClosedLoopFunctions:
-    """The closed loop with the states that the objective's quantities and Eq. 45 need.
+    """The closed loop with further states for the objective's quantities and Eq. 45.
 
-    Eq. 45 reads e = exp(-t_a t) int exp(+-t_a s) (e_x + e_y) ds: a state e' = -t_a e + k (e_x + e_y), with
-    k = 1 as it must be for a leaky integral, and k = exp(-2 t_a t) as printed.
+    Eq. 45 is e = exp(-t_a t) int exp(+-t_a s) (e_x + e_y) ds. Its derivative makes e a state,
+    e' = -t_a e + k (e_x + e_y). The plus sign gives k = 1, a leaky integral; the minus sign, which the paper
+    prints, gives k = exp(-2 t_a t).
 
     Raises:
         ScenarioError: If a tip has no amnesia controller, and so no t_a.
@@ -123,7 +124,7 @@ def build_terms(
         constraints: Quantities with upper limits.
 
     Raises:
-        ScenarioError: If the objective is not a scalar measure, or a term needs what the scene does not have.
+        ScenarioError: If the objective is not a scalar measure, or a term does not apply to the scene.
     """
     context = context_of(scene, loop)
     signals = context.signals

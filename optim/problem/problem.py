@@ -23,9 +23,9 @@ class Evaluation:
     """Values at N points.
 
     Attributes:
-        objective: J, shape (N,); NaN where there is none (a diverged rollout).
-        constraints: g, shape (N, m); NaN likewise.
-        rows: Components of the objective, shape (N, n), where requested; see :class:`Linearisation`.
+        objective: J (N,); NaN where a rollout diverged.
+        constraints: g (N, m), met where g <= 0; NaN where a rollout diverged.
+        rows: Components r of the objective (N, n) if requested; see :class:`Linearisation`.
     """
 
     objective: Array
@@ -34,7 +34,11 @@ class Evaluation:
 
     @property
     def violation(self) -> Array:
-        """Largest violation of a constraint, shape (N,); infinite where there is no value."""
+        """Largest violation of a constraint (N,); infinite where the objective or the violation is not
+        finite.
+
+        It is zero where all constraints are met.
+        """
         worst = np.maximum(self.constraints, 0.0).max(axis=1, initial=0.0)
         return np.where(np.isfinite(self.objective) & np.isfinite(worst), worst, np.inf)
 
@@ -44,12 +48,12 @@ class Linearisation:
     """Values and exact first derivatives at one point.
 
     Attributes:
-        objective, gradient: J, and its derivative (k,). For a minimax problem the derivative is one of
-            several at a kink.
+        objective, gradient: J, and its derivative (k,). At a kink of a minimax problem it is one of the
+            subgradients.
         constraints, constraint_jacobian: g (m,), and its derivative (m, k).
-        rows, rows_jacobian: ``squares``: r (n,) with J = sum(r^2) up to quadrature, for the Gauss-Newton
-            Hessian; ``minimax``: r with J = smooth + max(r); ``smooth``: empty. Derivative (n, k).
-        smooth, smooth_gradient: The part of a minimax objective beside max(r), and its derivative (k,).
+        rows, rows_jacobian: r (n,), and its derivative (n, k). For ``squares`` J = sum(r^2) up to quadrature,
+            which gives the Gauss-Newton Hessian; for ``minimax`` J = smooth + max(r); for ``smooth`` empty.
+        smooth, smooth_gradient: Part of a minimax objective added to max(r), and its derivative (k,).
     """
 
     objective: float
@@ -68,7 +72,7 @@ class Linearisation:
         return cls(objective, gradient, none, empty, none, empty, objective, np.array(gradient))
 
     def as_evaluation(self) -> Evaluation:
-        """The values alone."""
+        """Values without derivatives, as an evaluation of one point."""
         return Evaluation(np.array([self.objective]), self.constraints[None, :])
 
     def as_arrays(self) -> dict[str, Array]:
@@ -85,14 +89,14 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class EvaluationCost:
-    """Number of evaluations by kind; a problem over several plants counts all of them as one.
+    """Number of evaluations by kind; an evaluation of several plants counts as one.
 
     Attributes:
         rollouts: Rollouts without derivatives.
-        samples: Rollouts that also keep what the objective is made of over time.
+        samples: Rollouts that also record the objective's components over time.
         gradients: Rollouts with one gradient by the adjoint, whatever the number of variables.
-        slopes: Rollouts with the derivative along one direction by forward sensitivities; k of them make a
-            Jacobian.
+        slopes: Rollouts with the derivative along one direction by forward sensitivities; a Jacobian by k
+            variables needs k of them.
     """
 
     rollouts: int = 0
@@ -104,7 +108,7 @@ class EvaluationCost:
         return EvaluationCost(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     def times(self, count: int) -> EvaluationCost:
-        """Cost of doing the same a number of times."""
+        """Cost multiplied by a count."""
         return EvaluationCost(*(count * each for each in astuple(self)))
 
     def __str__(self) -> str:
@@ -114,7 +118,7 @@ class EvaluationCost:
         return ", ".join(counts) or "no rollouts"
 
     def equivalent(self, gradient: float, slope: float = 3.0, sample: float = 1.2) -> float:
-        """The whole cost in plain rollouts, given how many of them each other kind costs."""
+        """Total cost in plain rollouts, with the cost of each other kind of evaluation in plain rollouts."""
         others = gradient * self.gradients + slope * self.slopes + sample * self.samples
         return self.rollouts + others
 
@@ -142,7 +146,7 @@ class OptimisationProblem(Protocol):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """Cost of values and derivatives at one point; values alone cost one rollout."""
+        """Cost of values and derivatives at one point; values without derivatives cost one rollout."""
 
     @property
     def sample_cost(self) -> EvaluationCost:
@@ -162,7 +166,7 @@ class OptimisationProblem(Protocol):
         """Values at points u (N, k)."""
 
     def sample(self, u: Array) -> Evaluation:
-        """Values at points u (N, k), and the rows that the objective is made of."""
+        """Values at points u (N, k), with the components of the objective as rows."""
         return replace(self.evaluate(u), rows=np.empty((len(u), 0)))
 
     def linearise(self, u: Array) -> Linearisation:

@@ -30,15 +30,15 @@ class ScenarioNumber:
 def find_numbers(
     scene: Scene, named: Mapping[str, Sequence[str]], section: str
 ) -> dict[str, list[ScenarioNumber]]:
-    """Numbers that patterns name, by who sets them; each once.
+    """Numbers of the scenario that match patterns, by the name of the variable that sets them.
 
     Args:
         scene: The scene.
-        named: Patterns by the name of what sets their numbers.
-        section: Section of the scenario that holds the names, for errors.
+        named: Patterns by the name of their variable.
+        section: Section of the scenario that holds the variables, for errors.
 
     Raises:
-        ScenarioError: If a path is not in the scenario, is no number, or is set by two names.
+        ScenarioError: If a path is not in the scenario, is no number, or belongs to two variables.
     """
     document, owner = to_document(scene.scenario), dict[str, str]()
     numbers_by_name: dict[str, list[ScenarioNumber]] = {}

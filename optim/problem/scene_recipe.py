@@ -24,9 +24,9 @@ class SceneRecipe:
     """A scene as plain data that can be sent to another process.
 
     Attributes:
-        document: The scenario, resolved.
-        source: File that it came from, for its errors and the URDFs beside it.
-        plugins: Files that add the kinds of elements it may hold.
+        document: The resolved scenario.
+        source: File of the scenario, named in errors; paths of URDFs are relative to it.
+        plugins: Files of plugins that register further kinds of elements.
     """
 
     document: Mapping[str, Any]
@@ -49,12 +49,12 @@ class SceneRecipe:
 
 @dataclass(frozen=True)
 class BuildRecipe:
-    """Recipe of an object of a scene, to be built in another process.
+    """Recipe of an object that another process builds from a scene.
 
     Attributes:
         scene: The scene.
-        make: Function of the scene and the options that makes it, of a module or a class.
-        options: Keyword arguments, plain data.
+        make: Function of a module or class that returns the object for the scene and the options.
+        options: Keyword arguments of ``make``, as plain data.
     """
 
     scene: SceneRecipe
@@ -88,10 +88,10 @@ def tuning_of(scene: Scene) -> Tuning:
 
 
 def changed_scene(scene: Scene, variant: str | None = None) -> Scene:
-    """The scene with the tuning problem's changes, and those of one variant, made.
+    """The scene with the changes of its tuning section, and those of a variant.
 
     Raises:
-        ScenarioError: If there is no such variant, or a change leads nowhere.
+        ScenarioError: If there is no such variant, or the path of a change does not exist.
     """
     tuning = tuning_of(scene)
     changes = dict(tuning.changes)
@@ -104,10 +104,10 @@ def changed_scene(scene: Scene, variant: str | None = None) -> Scene:
 def with_variables(
     scene: Scene, variables: NewVariables | Sequence[str] | None
 ) -> tuple[Scene, Sequence[str] | None]:
-    """The scene with new variables in its tuning section, and the names of those chosen.
+    """The scene with new variables in its tuning section, and the names of the chosen variables.
 
     Raises:
-        ScenarioError: If there is no such variable, or a new one is not as it must be.
+        ScenarioError: If there is no such variable, or a new one is not (dotted path, lower, upper).
     """
     section = scene.scenario.tuning
     if not isinstance(variables, Mapping):

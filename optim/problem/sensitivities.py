@@ -17,10 +17,10 @@ class Sensitivity:
 
     Attributes:
         names: Variables (k).
-        relative: (p / J) dJ/dp by point, each (k,): the relative change of the objective for a relative
-            change of p.
-        over_range: (upper - lower) / J dJ/dp, or the same in logs, by point, each (k,): how far, to first
-            order, the objective would move if the variable crossed all of its range.
+        relative: (p / J) dJ/dp by point, each (k,): relative change of the objective per relative change of
+            p.
+        over_range: (upper - lower) / J dJ/dp by point, each (k,), on a log scale ln(upper / lower) p / J
+            dJ/dp: first-order relative change of the objective over the range of p.
     """
 
     names: tuple[str, ...]

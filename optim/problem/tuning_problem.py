@@ -75,7 +75,7 @@ class TuningProblem(Formulation, OptimisationProblem):
 
     Attributes:
         recipe: Recipe that builds the problem in another process.
-        workers: Who rolls out. Results do not depend on it.
+        workers: Threads or processes that roll out. Results do not depend on their number.
     """
 
     recipe: ProblemRecipe
@@ -104,14 +104,14 @@ class TuningProblem(Formulation, OptimisationProblem):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """A gradient where the adjoint suffices, else a rollout and as many slopes as variables."""
+        """Cost of one gradient if the adjoint suffices, otherwise of a rollout and one slope per variable."""
         if self.form == "smooth" and not self.terms.limits:
             return EvaluationCost(gradients=1)
         return EvaluationCost(rollouts=1, slopes=len(self.names))
 
     @property
     def sample_cost(self) -> EvaluationCost:
-        """A rollout, and its samples where the objective is made of any."""
+        """Cost of a rollout, with its samples if the objective has components."""
         return EvaluationCost(rollouts=1) if self.form == "smooth" else EvaluationCost(samples=1)
 
     @property
@@ -121,7 +121,7 @@ class TuningProblem(Formulation, OptimisationProblem):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of everything that decides what the numbers are."""
+        """Hash of everything on which the values depend."""
         kernel, grid, v = self.rollout.kernel, self.rollout.grid, self.variables
         numbers = [*self.rollout.values(None), *v.lower, *v.upper, *v.log, grid.duration_s, grid.step_s]
         limits, margins = sorted(self.terms.limits.items()), self.terms.margins
@@ -218,20 +218,21 @@ def build_problem(
     """Tuning problem of a scene.
 
     Args:
-        scene: Scene to tune, or the name or file of its scenario. Objective, constraints and variables are
-            its tuning section's where not given here.
-        variables: Names of the section's variables or sets of them, all of them if None; or new ones: (dotted
-            path, lower, upper) by name.
-        variant: Variant of the tuning section; none if None.
-        objective: The user's own: function of the closed loop's signals that gives a scalar measure, ``lambda
-            s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact. Weighed margins are added.
-        workers: Who rolls out: threads of this process if None, or from
-            :func:`optim.workers.dask.open_workers`. The answer does not depend on it.
-        also_vary: Further parameters that shall be kept although they are exactly zero.
+        scene: Scene to tune, or the name or file of its scenario. Its tuning section gives objective,
+            constraints and variables that the other arguments do not replace.
+        variables: Names of the section's variables or of sets of them, None for all variables; or new
+            variables: (dotted path, lower, upper) by name.
+        variant: Variant of the tuning section; None applies none.
+        objective: Function from the closed loop's signals to a scalar measure, such as
+            ``lambda s: integral(ca.sumsqr(s["tip_error"]))``. Its gradients are exact. The section's weighted
+            margins are added to it.
+        workers: Workers that roll out, as from :func:`optim.workers.dask.open_workers`; None uses threads of
+            this process. Results do not depend on them.
+        also_vary: Further numbers that remain parameters even where they are zero.
 
     Raises:
-        ScenarioError: If there is no such variable or variant, a variable leads nowhere, the closed loop does
-            not depend on it, or the memory does not hold what a design's result takes.
+        ScenarioError: If there is no such variable or variant, a variable's path does not exist, the closed
+            loop does not depend on it, or the result of a design does not fit into memory.
     """
     scene, chosen = with_variables(to_scene(scene), variables)
     names = None if chosen is None else tuple(chosen)

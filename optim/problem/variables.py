@@ -82,15 +82,15 @@ class Variables:
 def variables_of(
     scene: Scene, named: Mapping[str, DesignVariable], section: str = "tuning.variables"
 ) -> Variables:
-    """Variables that a section names.
+    """Variables of a section.
 
     Args:
-        scene: The scene, the section's changes made.
+        scene: Scene with the section's changes.
         named: Variables by name.
         section: Dotted path of the section.
 
     Raises:
-        ScenarioError: If a path is not in the scenario, is no number, or stands in two variables.
+        ScenarioError: If a path is not in the scenario, is no number, or belongs to two variables.
     """
     numbers_by_name = find_numbers(scene, {name: variable.paths for name, variable in named.items()}, section)
     paths, start = [], []

@@ -20,15 +20,16 @@ RANGE = re.compile(r"(?P<path>[^=]+)=(?P<lower>[^=]+)\.\.(?P<upper>[^=]+)")
 
 
 def vary(scene: Scene | StrPath, ranges: Sequence[str]) -> Scene:
-    """The scene with a tuning section whose variables are these; what else stands in the section stays.
+    """The scene with other variables in its tuning section, whose other entries stay.
 
     Args:
         scene: A scene, the path of a YAML file, or the name of a shipped scenario.
-        ranges: ``path=lower..upper``. A path may begin anywhere: ``pid.kp`` stands for all paths that end so;
-            ``kp`` too, with one variable for each kind of section that has it (``pid.kp``, ``joint_pd.kp``).
+        ranges: Ranges ``path=lower..upper``. A path may be the end of dotted paths: ``pid.kp`` matches all
+            paths that end in it; ``kp`` too, with one variable per kind of section (``pid.kp``,
+            ``joint_pd.kp``).
 
     Raises:
-        ScenarioError: If one is no range, or finds no number.
+        ScenarioError: If a text is no range, or its path matches no number.
     """
     scene = to_scene(scene)
     if not ranges:

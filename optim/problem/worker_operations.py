@@ -139,7 +139,7 @@ def _linearise(problem: Formulation, u: Array) -> Linearisation:
 
 
 def sampled_outputs(problem: Formulation) -> tuple[str, ...]:
-    """Outputs whose samples the objective is made of."""
+    """Names of the outputs whose samples are the components of the objective."""
     outputs = [output for output, _, _ in problem.terms.residuals]
     return tuple(dict.fromkeys([*outputs, *["tip_error"] * (problem.form == "minimax")]))
 

@@ -1,4 +1,4 @@
-"""Base class of estimators of failure probabilities, and what they return."""
+"""Base class of estimators of failure probabilities, and their result."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Falsification: search for the worst outcome over uncertain parameters, by exact gradients.
 
-The search is that of tuning: descents from several starts side by side, here of the negative quantity over
-the box of the parameters, as there by differences where fewer than four parameters make these cheaper. It is
-compared with random search at equal cost.
+The search is tuning's NLP: concurrent descents from several starts, here of the negative quantity over the
+box of the parameters. With fewer than four parameters, differences are cheaper than the adjoint and replace
+it, as in tuning. The search is compared with random search at equal cost.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class WorstCaseProblem(OptimisationProblem):
 
     @property
     def fingerprint(self) -> str:
-        """Hash of everything that decides what the numbers are."""
+        """Hash of everything on which the values depend."""
         kernel = self.state.rollout.kernel
         digest = hashlib.sha256(repr((self.lower, self.upper, self.state.rollout.grid)).encode())
         for name in ("setup", "dynamics", "objective"):
@@ -201,9 +201,10 @@ def falsify(
     Args:
         scene: A scene whose scenario has a ``campaign`` section, or the scenario's name or file.
         quantity, limit: Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
-        effort: Starts, seed, and in ``nlp`` the budget; or ``starts``, ``seed`` and ``budget`` by name. There
-            are 16 starts and no limit of the budget where nothing is given.
-        session: Journals, so that an interrupted search continues, and who is told of progress; none if None.
+        effort: Number of starts, seed, and in ``nlp`` the budget; or ``starts``, ``seed`` and ``budget`` by
+            name. The default is 16 starts without a budget.
+        session: Journals, from which an interrupted search resumes, workers and callbacks; None uses no
+            journals and threads of this process.
         threads: Number of threads; one for each usable core if None; the numbers do not depend on it.
 
     Raises:

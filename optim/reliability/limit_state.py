@@ -1,4 +1,4 @@
-"""Limit states: how far a quantity is from its limit, as a function of standard normal scores.
+"""Limit states: distance of a quantity from its limit, as a function of standard normal scores.
 
 A limit state g is positive where a simulation keeps to the limit and negative where it fails. Its argument z
 has independent standard normal components: a campaign's parameters follow from them through its correlation
@@ -79,7 +79,7 @@ class RolloutLimitState:
         return np.eye(len(self.names)) if rows is None else np.linalg.cholesky(np.array(rows))
 
     def draws(self, z: Array) -> tuple[Array, Array]:
-        """Draws (N, k) of the parameters at scores (N, k), and each one's slope by its own score (N, k)."""
+        """Parameters x (N, k) at scores z (N, k), and dx_j / d(L z)_j (N, k)."""
         scores = np.clip(np.atleast_2d(z), -MOST_SCORE, MOST_SCORE) @ self.cholesky.T
         parameters = self.campaign.parameters.values()
         pairs = [score_values(one, column) for one, column in zip(parameters, scores.T, strict=True)]
@@ -116,7 +116,7 @@ class RolloutLimitState:
 
 @dataclass
 class CountedLimitState:
-    """A limit state that counts what is evaluated.
+    """A limit state that counts its evaluations.
 
     Attributes:
         state: The limit state.
@@ -155,8 +155,8 @@ def build_limit_state(
         threads: Number of threads; one for each usable core if None.
 
     Raises:
-        ScenarioError: If the section is missing or does not fit, several quantities are bounded or none, the
-            scene has nothing that the quantity describes, or plans are solved in the rollout.
+        ScenarioError: If the section is missing or does not fit, not exactly one quantity is bounded, the
+            quantity does not apply to the scene, or plans are solved in the rollout.
     """
     campaign = campaign_of(scene)
     limits = campaign.limits.given

@@ -100,7 +100,7 @@ class FailureProbability(JsonResult):
         ]
 
     def _search_row(self) -> list[tuple[str, str]]:
-        """Number of most probable failures, and how sure it is that none is missing."""
+        """Number of most probable failures, and confidence that none is missing."""
         if self.undiscovered is None:
             return []
         value = (

@@ -1,4 +1,4 @@
-"""Robust tuning: the tuning problem's objective over a common set of samples, and a test on fresh ones.
+"""Robust tuning: a statistic of the objective over common samples, and a test on fresh ones.
 
 The samples are the same for every design (common random numbers), so that the objective is as smooth in the
 design as one rollout is, and its gradients are exact.
@@ -81,19 +81,19 @@ class RobustProblem(DerivedProblem):
 
     @property
     def linear_cost(self) -> EvaluationCost:
-        """A gradient, and as many slopes as variables if there are constraints; all samples count as one."""
+        """Cost of one gradient, and with constraints of one slope per variable; all samples count as one."""
         return EvaluationCost(gradients=1, slopes=len(self.names) if self.constraint_names else 0)
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of everything that decides what the numbers are."""
+        """Hash of everything on which the values depend."""
         text = f"{self.nominal.fingerprint} {self.kind} {self.percent!r} {self.space.paths}"
         digest = hashlib.sha256(text.encode())
         digest.update(np.ascontiguousarray(self.space.values(self.draws)).tobytes())
         return digest.hexdigest()
 
     def evaluate(self, u: Array) -> Evaluation:
-        """Objective (N,) and constraints (N, m) at points u (N, k); NaN where the objective is none."""
+        """Objective (N,) and constraints (N, m) at points u (N, k); NaN where a sample diverges."""
         u = np.atleast_2d(u)
         parts = max(1, len(self.draws) * len(u) // AT_ONCE)
         objectives, constraints, limits = list[Array](), list[Array](), self.nominal.terms.limits
@@ -129,10 +129,10 @@ class RobustProblem(DerivedProblem):
         return objective if np.isfinite(objective) else float("nan")
 
     def linearise(self, u: Array) -> Linearisation:
-        """Values and exact derivatives at one point u (k,): of the objective by the adjoint of every sample.
+        """Values and exact derivatives at one point u (k,).
 
-        Each sample brings its own constraints, m S of them: their largest, which :meth:`evaluate` tells, has
-        a kink wherever another sample takes the lead.
+        The gradient of the objective is the adjoint of every sample, weighted. Each of the S samples has its
+        own m constraints, because the maximum over the samples, which :meth:`evaluate` returns, has kinks.
         """
         # every sample at this point, by the workers
         values, workers = self.space.values(self.draws), self.nominal.workers
@@ -330,10 +330,12 @@ COLUMNS = ("mean (95 % interval)", "median", "95 %", "largest", "diverged", "cha
 
 
 def describe(designs: Mapping[str, Array]) -> dict[str, dict[str, float]]:
-    """Statistics of samples' objectives by design, those that did not diverge.
+    """Statistics of samples' objectives, by design.
 
-    Mean, median, 95th percentile, largest, how many diverged, and ``change``: the mean difference of the same
-    samples to the first design; ``_low`` and ``_high`` of a mean are its 95 % interval by Student's t.
+    ``median``, ``95 %`` and ``largest`` count a diverged sample as infinite. ``mean`` and ``change`` are
+    means over the samples that did not diverge; ``change`` is that of the difference to the first design on
+    the same samples. The keys with ``_low`` and ``_high`` are their 95 % intervals by Student's t.
+    ``diverged`` is the number of diverged samples.
 
     Args:
         designs: Objective of each sample by design, each (S,), NaN where one diverged.
@@ -411,7 +413,7 @@ def tune_robust(
 
 
 def _draws(scene: Scene, samples: int, offset: int) -> Array:
-    """Draws of a scene's campaign: so many, from its seed and an offset that sets apart what is fresh."""
+    """Draws (samples, k) of a scene's campaign; the offset of its seed makes them independent of others."""
     campaign = campaign_of(scene)
     design = campaign.design if campaign.sampler.has_any_size else "sobol"
     changes = {"samples": samples, "seed": campaign.seed + offset, "design": design}

@@ -1,7 +1,8 @@
-"""Least stability margins over uncertain parameters, by exact gradients from several starts.
+"""Smallest stability margins over uncertain parameters, by exact gradients from several starts.
 
-The least of several loops' margins is minimised: each of its local minima is one of a single loop, where it
-is smooth, so that bounded quasi-Newton descents (L-BFGS-B) converge to them.
+The minimum over several loops of their margins is minimised over the parameters. A local minimum of it is a
+local minimum of one loop's margin, which is smooth there, so that bounded quasi-Newton descents (L-BFGS-B)
+converge to it.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class WorstMargin:
 
 @dataclass(frozen=True)
 class WorstMargins(Tabular):
-    """Least margins over uncertain parameters, one for each instant.
+    """Smallest margins over uncertain parameters, one for each instant.
 
     Attributes:
         margin, unit: Kind and unit of the margin; ``gain_down`` is negated.
@@ -73,7 +74,7 @@ class WorstMargins(Tabular):
     evaluations: int
 
     def __repr__(self) -> str:
-        """Least margin of all instants, in one line."""
+        """Smallest margin over all instants, in one line."""
         least = min(self.cases, key=lambda case: case.value)
         return f"<WorstMargins: {self.margin} {least.value:.4g} {self.unit} at {least.label}, {least.loop}>"
 
@@ -90,7 +91,7 @@ class WorstMargins(Tabular):
         ]
 
     def content(self) -> list[Table]:
-        """Nominal and least margin of each instant."""
+        """Table of the nominal and the smallest margin at each instant."""
         return [Table.of_pairs(f"least {self.margin} margins [{self.unit}]", self.rows())]
 
 
@@ -103,19 +104,19 @@ def worst_margins(
     backend: Backend = "auto",
     progress: Progress | None = None,
 ) -> WorstMargins:
-    """Least margin of a scene's loops over uncertain parameters.
+    """Smallest margin of a scene's loops over uncertain parameters, at each instant.
 
     Args:
         scene: The scene, or the name or file of its scenario; its tuning section's variables are the
             uncertain parameters.
-        at: Instants, as of :func:`spacerobot.linearise`.
+        at: Instants, as in :func:`spacerobot.linearise`.
         margin: ``disk``, ``gain_up``, ``gain_down``, ``phase`` or ``delay``.
         loops: Break points, ``torque/*``.
         backend, progress: See :func:`spacerobot.simulate`.
 
     Raises:
         DivergedError: If the nominal simulation does not reach an instant.
-        ScenarioError: If a variable leads nowhere, or an instant does not exist.
+        ScenarioError: If a variable's path or an instant does not exist.
         SpaceRobotError: If there is no such margin or loop.
     """
     if margin not in MARGINS:
@@ -187,10 +188,10 @@ def worst_margins(
 
 
 def chosen_loops(linearisation: ParametricLinearisation, pattern: str) -> list[str]:
-    """Break points that a pattern names.
+    """Names of the break points that match a pattern.
 
     Raises:
-        SpaceRobotError: If there is none.
+        SpaceRobotError: If no break point matches.
     """
     break_points = linearisation.lineariser.perturbed.inputs
     names = [name for name in break_points if fnmatchcase(name, pattern)]

@@ -26,10 +26,11 @@ _TITLE = b"spacerobot journal 1 "
 
 
 class Journal:
-    """Evaluations of one search, kept in a file; or kept nowhere if there is no path.
+    """Evaluations of one search, in memory and in a file.
 
     Args:
-        path: The file; created if missing, and overwritten if it has another fingerprint.
+        path: The file; created if missing, and overwritten if it has another fingerprint. None writes no
+            file.
         fingerprint: Hash of everything on which the values depend: problem, method and settings.
 
     Raises:

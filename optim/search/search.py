@@ -1,4 +1,4 @@
-"""One search: its evaluations, its best point so far, what it has spent, and how it ended."""
+"""A search: its evaluations, its best point so far, its cost, and its end."""
 
 from __future__ import annotations
 
@@ -86,10 +86,10 @@ class SearchProgress:
     """Progress of one search.
 
     Attributes:
-        method, index: Which search.
-        done: Fraction of its budget.
-        objective: Best so far.
-        seconds, left_s: Spent, and likely left.
+        method, index: Name of the method and index of its run.
+        done: Fraction of its budget that is spent.
+        objective: Best objective so far.
+        seconds, left_s: Time spent and estimated time left [s].
     """
 
     method: str
@@ -100,7 +100,7 @@ class SearchProgress:
     left_s: float
 
     def __str__(self) -> str:
-        """Progress in a few words, so that ``progress=print`` reads well."""
+        """Progress in one line, as ``progress=print`` shows it."""
         left = f", about {self.left_s:.0f} s left" if self.left_s == self.left_s else ""
         return (
             f"{self.method} {self.index + 1}, {100 * self.done:.0f} %, best so far {self.objective:.4g}{left}"
@@ -120,13 +120,13 @@ def better(objective: float, violation: float, than_objective: float, than_viola
 
 
 class Search:
-    """Evaluates a problem for one method, through a journal, and counts what is spent.
+    """Evaluations of a problem for one run of a method, with their journal and their cost.
 
     Args:
         problem: The problem.
-        method, index, seed: Which search.
-        journal: Where evaluations are kept.
-        progress: Told after each evaluation.
+        method, index, seed: Name of the method, index of its run and seed of the run.
+        journal: Journal of the evaluations; None keeps them in memory only.
+        progress: Callback after each evaluation.
     """
 
     def __init__(
@@ -280,5 +280,5 @@ class Search:
                 self.history.append(HistoryPoint(self.cost, self.seconds, objective_shown))
 
     def _resume(self, seconds: float) -> None:
-        """Take over the time that an earlier process had spent here."""
+        """Set the elapsed time to that which an earlier process had spent up to this record."""
         self._seconds, self._since = seconds, time.perf_counter()

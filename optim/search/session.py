@@ -18,9 +18,10 @@ class SearchSession:
     """Workers of searches, folder of their journals and callback of their progress.
 
     Attributes:
-        folder: Where journals are kept, so that killed searches go on where they were; nowhere if None.
-        workers: Who rolls out. Only times depend on it.
-        progress, tell: Told how a search is getting on, and what begins.
+        folder: Folder of the journals, from which interrupted searches resume; None writes no journal.
+        workers: Threads or processes that roll out. Results do not depend on their number.
+        progress: Callback that receives the :class:`~optim.search.search.SearchProgress` of a search.
+        tell: Callback that receives a line of text when a step begins.
     """
 
     folder: StrPath | None = None

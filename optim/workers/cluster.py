@@ -1,7 +1,7 @@
-"""Dask: how a cluster is reached, and what its workers keep.
+"""Dask clusters: connection, and tasks built from recipes.
 
-Dask is optional and imported only here, when it is used. What a worker does is a recipe (plain data) and the
-rows to do it with; a worker builds the recipe once and keeps it, its machine compiles it once and keeps that.
+Dask is optional and imported only here, on first use. A task is a recipe (plain data) and the rows to
+evaluate. A worker caches the object that it builds from a recipe, and its machine caches the compiled code.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _lock = threading.Lock()
 
 @contextlib.contextmanager
 def connect(address: str) -> Iterator[Any]:
-    """Client of a cluster; one of this machine ends with it.
+    """Client of a cluster, as a context; a cluster on this machine ends with it.
 
     Args:
-        address: ``local:N`` (so many processes of this machine), ``tcp://host:port`` (or another address that
-            Dask knows), or a scheduler file.
+        address: ``local:N`` for N processes of this machine, ``tcp://host:port`` or another address of Dask,
+            or a scheduler file.
 
     Raises:
         SpaceRobotError: If Dask is not installed, the address is not valid, or no scheduler answers there.
@@ -93,10 +93,10 @@ def _quiet() -> Iterator[None]:
 
 
 def threads_of(client: Any) -> int:
-    """Threads of all workers together, at least one; waits for the first worker.
+    """Total number of threads of all workers, at least one; waits for the first worker.
 
     Raises:
-        SpaceRobotError: If none comes.
+        SpaceRobotError: If no worker connects in time.
     """
     try:
         with faults_of("the work"):
@@ -108,7 +108,7 @@ def threads_of(client: Any) -> int:
 
 
 def submit(client: Any, work: Any, recipe: Recipe, *arguments: Any) -> Any:
-    """Future of ``work(what the recipe builds, *arguments)``, done again elsewhere if its worker dies."""
+    """Future of ``work(recipe.build(), *arguments)``; another worker repeats it if its worker dies."""
     return client.submit(_work, __version__, work, recipe, *arguments, pure=False, retries=ATTEMPTS)
 
 

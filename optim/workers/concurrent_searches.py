@@ -1,8 +1,8 @@
 """Concurrent searches, of which only one computes while the others wait for rollouts.
 
-A search spends its time waiting for rollouts. What it does between them (a library's own steps) need not be
-thread-safe: another search runs only while one waits. NumPy's global random state, which CMA-ES
-draws from, goes with the search it belongs to, so that no search depends on the others.
+A search mostly waits for rollouts. Its steps in between, such as those of a library, need not be thread-safe,
+because another search computes only while this one waits. NumPy's global random state, from which CMA-ES
+draws, is saved and restored with each search, so that no search depends on the others.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ TICK_S = 0.2  # how often the waiting thread looks for Ctrl-C
 
 
 class TurnLock:
-    """A baton, and whether everything shall stop."""
+    """Lock that the computing search holds, with a flag that stops all searches."""
 
     def __init__(self) -> None:
         self._baton = threading.Lock()
@@ -29,15 +29,16 @@ class TurnLock:
 
     @property
     def stopped(self) -> bool:
-        """Whether everything shall stop."""
+        """Whether all searches are to stop."""
         return self._stop.is_set()
 
     @contextmanager
     def away(self) -> Iterator[None]:
-        """Let other searches compute while this one waits; nothing happens outside of :meth:`together`.
+        """Context in which this search waits and another one computes; without effect outside
+        :meth:`together`.
 
         Raises:
-            KeyboardInterrupt: If everything shall stop.
+            KeyboardInterrupt: If all searches are to stop.
         """
         if not getattr(self._mine, "turn", False):
             yield
@@ -53,10 +54,10 @@ class TurnLock:
             raise KeyboardInterrupt
 
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
-        """Do searches side by side and give how they ended, in order; see ``Workers.together``.
+        """Run searches concurrently; see :meth:`.Workers.together`.
 
         Raises:
-            Exception: The first that a search raised; the others are stopped then.
+            Exception: The first exception of a search; the other searches are then stopped.
         """
         self._stop.clear()
         with ThreadPoolExecutor(max(1, len(searches))) as pool:
@@ -90,6 +91,6 @@ class TurnLock:
 
 
 def _wait(futures: Sequence[Future[Ended | None]]) -> None:
-    """Wait for futures with timeouts, so that Ctrl-C is handled; ``Thread.join`` takes it for the end."""
+    """Wait for futures in short intervals, between which Ctrl-C is handled."""
     while wait(futures, timeout=TICK_S).not_done:
         pass

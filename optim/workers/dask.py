@@ -1,7 +1,7 @@
-"""Dask's workers for searches: values and derivatives elsewhere, the searches and their journals here.
+"""Dask's workers for searches: they evaluate values and derivatives; searches and journals stay here.
 
-The process that asked keeps every search and is the only one that writes. So a worker that dies loses the
-rows it was given, which another one then does, and nothing else.
+The calling process runs all searches and alone writes files. If a worker dies, only its current rows are
+lost, and another worker evaluates them.
 """
 
 from __future__ import annotations
@@ -89,9 +89,10 @@ class DaskWorkers:
 
 
 def run_piece(problem: Any, operation: Operation, rows: Array) -> tuple[Arrays, float]:
-    """Work of one piece, on a worker: what the operation says, and how long it took in s.
+    """Results of an operation on the rows of one piece, and its duration [s]; runs on a worker.
 
-    The first time in this process a single row goes before, alone on this machine: it compiles.
+    On its first call in a process it evaluates a single row beforehand, which compiles the code, one process
+    of the machine at a time.
     """
     piece_key = (problem.recipe.key, _name(operation))
     if piece_key not in _warm:

@@ -28,14 +28,14 @@ class SearchSummary(Protocol):
 
 
 class Recipe(Protocol):
-    """All it takes to build something in another process, as plain data."""
+    """Plain data from which another process builds an object."""
 
     @property
     def key(self) -> str:
         """Hash of it."""
 
     def build(self) -> Any:
-        """Build what it describes."""
+        """Build the object."""
 
 
 class Portable(Protocol):
@@ -57,17 +57,17 @@ class Workers(Protocol):
         """Results of an operation on rows, computed in pieces by the workers.
 
         Args:
-            problem: What is rolled out.
-            operation: What is computed for each row.
-            rows: Rows that it is applied to, (N, n).
-            grain: Rows that are done together, so that no piece is shorter.
+            problem: Problem that is evaluated.
+            operation: Function of the problem and rows.
+            rows: Rows (N, n).
+            grain: Minimum number of rows of a piece.
 
         Raises:
             KeyboardInterrupt: If it was interrupted.
         """
 
     def together(self, searches: Sequence[Callable[[], Ended]]) -> list[Ended]:
-        """Do searches, each a function without arguments, and give how they ended, in order.
+        """Run searches, each a function without arguments, and return their results in order.
 
-        After Ctrl-C those that had begun end as interrupted, and the others are left out.
+        After Ctrl-C, searches that have begun end as interrupted, and the others are left out.
         """

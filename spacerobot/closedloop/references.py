@@ -174,7 +174,7 @@ class TipGuidance:
         label = f"{self.tip.label}.begun.{path}.{name}"
         if label not in self.stored:
             entries = changing(value)
-            # # states of a filter, which are not memory states, would count as zero in initial values
+            # states of a filter, which are not memory states, would count as zero in initial values
             self.stored[label] = memory(label, self._first_estimates(entries)), entries
         return filled(value, self.stored[label][0].symbol)
 
@@ -185,7 +185,7 @@ class TipGuidance:
         return frame_velocity(start.model, moving, self.tip.frame)
 
     def _since(self, reference: SceneReference, since: StartInstant) -> DesiredMotion:
-        """A reference that leads from an instant on that events decide."""
+        """Motion by a reference that becomes active at the start of a phase, which events determine."""
         time = self.context.time - self._symbol("since")
         context = replace(self.context.at(reference.path), time=time, since=since)
         pivot = self._vector("pivot") if reference.from_target and self.root is not None else None
@@ -206,7 +206,7 @@ class TipGuidance:
         return self.context.at(self.tip.path).once("start", self.start.placement(self.tip.frame)[0])
 
     def _symbol(self, key: str) -> ca.SX:
-        """Symbol of the state stored under a name; without the entries that cannot change."""
+        """Symbol of the memory state of an initial value; only of those components that can change."""
         if key not in self.initial:
             first = ca.SX.zeros(1) if key == "since" else self._values(None)[key][self._axes(key)]
             self.initial[key] = memory(f"{self.tip.label}.begun.{key}", first)
@@ -230,7 +230,12 @@ class TipGuidance:
         return list(self.plant.rotation_axes if key in ("rotation", "spin") else self.plant.translation_axes)
 
     def _values(self, led: DesiredMotion | None) -> Mapping[str, ca.SX]:
-        """Initial values of a reference that becomes active: the tip's pose, or that of the preceding one."""
+        """Initial values of a reference that becomes active.
+
+        Args:
+            led: Desired motion of the preceding reference, from which the new one continues; None starts from
+                the tip's own motion.
+        """
         plant, frame = self.plant, self.tip.frame
         rotation, origin = plant.placement(frame)
         velocity, spin = plant.velocity(frame)
@@ -249,7 +254,7 @@ class TipGuidance:
         }
 
     def index(self, phase: str) -> int:
-        """Number of the reference that leads in a phase."""
+        """Index of the reference that is active in a phase."""
         return next(i for i, reference in enumerate(self.tip.references) if phase in reference.phases)
 
     def begin(self, ended: str, begins: str, *, at_pose: bool) -> tuple[dict[str, bool], dict[str, ca.SX]]:

@@ -25,7 +25,8 @@ class FastestRate:
 
     Attributes:
         per_s: Magnitude [1/s]; the Runge-Kutta method needs steps below 2.8 over it.
-        gains: At most two paths of gains on which it depends most: at least to the power 1/4.
+        gains: Paths of the at most two gains with the largest sensitivity d ln(rate) / d ln(gain), of
+            magnitude 1/4 or more.
     """
 
     per_s: float

@@ -18,7 +18,7 @@ class Closure:
 
     Attributes:
         gaps: ``(p) -> (gap)``, in m.
-        largest: Greatest gap allowed [m], by name of the grasp, in the same order.
+        largest: Maximum allowed gap [m] by name of the grasp, in the same order.
     """
 
     gaps: ca.Function

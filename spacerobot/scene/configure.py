@@ -119,9 +119,10 @@ def close_velocity(scene: Scene) -> Array:
 
 
 def relative_jacobian(scene: Scene, grasp: SceneGrasp) -> Array:
-    """Velocity of a tip relative to the target's point that coincides with it (rows, nv), world axes.
+    """Jacobian (rows, nv) of a tip's velocity relative to the target, in world axes.
 
-    Two or three translations, followed for a weld by one or three rotations.
+    The target's velocity is that of its material point at the tip. Rows: two (planar) or three translations,
+    followed for a weld by one or three rotations.
     """
     model, data = scene.model, scene.model.createData()
     pin.computeJointJacobians(model, data, scene.q)

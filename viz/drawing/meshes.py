@@ -203,6 +203,6 @@ def _sums(owner: Indices, values: Array, size: int) -> Array:
 
 
 def _compact(vertices: Array, triangles: Indices, colours: Colours | None) -> TriangleMesh:
-    """The same without vertices that no triangle has."""
+    """Mesh without the vertices that belong to no triangle."""
     used, renamed = np.unique(triangles, return_inverse=True)
     return TriangleMesh(vertices[used], renamed.reshape(-1, 3), colours)

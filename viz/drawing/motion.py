@@ -46,10 +46,10 @@ class DrawnSolid:
     """A shape fixed to a node.
 
     Attributes:
-        placement: Shape frame in the node's frame, homogeneous (4, 4), m.
-        geometry: What is there.
+        placement: Pose of the shape in the node's frame, homogeneous matrix (4, 4) [m].
+        geometry: The shape.
         rgba: Colour and opacity (4,), 0 to 1.
-        finish: How its surface looks; see :data:`FINISHES`.
+        finish: Name of its surface finish; see :data:`FINISHES`.
     """
 
     placement: Array
@@ -64,7 +64,7 @@ class Node:
 
     Attributes:
         joint: Id of the joint in the scene's model; 0 for static shapes.
-        body: Robot or ``target`` that it belongs to.
+        body: Name of its robot, or ``target``.
         label: Displayed name of the body.
         is_base: Whether it is the body's root.
         solids: Its shapes.
@@ -168,7 +168,7 @@ def pad_solids(
 
 
 def only(motion: BodyMotion, body: str) -> BodyMotion:
-    """A motion of one body alone, by name."""
+    """Motion reduced to the nodes of one body."""
     places = [k for k, node in enumerate(motion.nodes) if node.body == body]
     nodes = tuple(motion.nodes[k] for k in places)
     return replace(
@@ -261,7 +261,7 @@ def bounds(motion: BodyMotion, *, farthest: float = 3.0) -> tuple[Array, Array]:
 
 
 def greatest_force(result: Result) -> float:
-    """Greatest force of a grip or contact, N; of a diverged rollout, before its last instants."""
+    """Maximum force of a grasp or contact [N]; of a diverged rollout over its first 80 % of samples."""
     rows = len(result.data.time)
     count = rows if result.completed else max(1, int(0.8 * rows))
     force_arrays = [

@@ -56,7 +56,7 @@ def draw_nodes(axes: Axes, motion: BodyMotion, frame: int, view: View, *, dpi: f
 
 
 def draw_ghosts(axes: Axes, motion: BodyMotion, view: View, *, dpi: float = 300) -> None:
-    """Draw bases and object in their initial poses, pale, behind everything else; see :func:`draw_nodes`."""
+    """Draw bases and object in their initial poses, pale and below the rest; see :func:`draw_nodes`."""
     look: dict[str, Any] = {"linewidths": 0.5, "linestyles": "--", "zorder": 2}
     if has_meshes(motion):
         grid = _grid(axes, dpi)

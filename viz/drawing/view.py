@@ -1,4 +1,4 @@
-"""Directions of view, the same for pictures, figures and pages."""
+"""Directions of view for pictures, figures and pages."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class View:
 
     Attributes:
         across, up: World directions that point right and up in the picture (3,).
-        labels: What to write at the two axes; empty where they are no world axes.
+        labels: Labels of the two axes of the picture; empty if they are not world axes.
     """
 
     across: Array
@@ -63,7 +63,7 @@ def oblique(azimuth_deg: float = _AZIMUTH_DEG, elevation_deg: float = _ELEVATION
 
 
 def view_of(result: Result, scene: Scene) -> View:
-    """View of a result: from above for planar scenes, otherwise from the side with the least hidden arms."""
+    """View of a result: from above for planar scenes, otherwise the oblique view that hides arms least."""
     rows = len(result.data.time)
     times = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
     places = np.searchsorted(result.array("time"), times).clip(0, len(result.data.time) - 1)
@@ -73,7 +73,7 @@ def view_of(result: Result, scene: Scene) -> View:
 
 
 def grasp_view(motion: BodyMotion, frames: Sequence[int], usual: View) -> View:
-    """View in which grasps are hidden least; among equally good ones the nearest to the usual view.
+    """Oblique view that hides the grasps least; among equal ones the nearest to the usual view.
 
     Args:
         motion: Bodies, with the points of the grasps as its ``mates``.
@@ -101,12 +101,12 @@ def grasp_view(motion: BodyMotion, frames: Sequence[int], usual: View) -> View:
 
 
 def first_view(scene: Scene) -> View:
-    """The same for a scene that has not been simulated yet."""
+    """View of a scene before its simulation, chosen as in :func:`view_of`."""
     return TOP if scene.planar else _clearest(initial_motion(scene))
 
 
 def _clearest(motion: BodyMotion) -> View:
-    """View from the side that hides least; among equally good ones the nearest to the usual view."""
+    """Oblique view with the fewest hidden links and grasps; of equal ones the nearest to the usual view."""
     views = [oblique(_AZIMUTH_DEG + turn) for turn in _TURNS_DEG]
     frames = [_frame(motion, k) for k in range(len(motion.time))]
     visibility = np.array([np.mean([frame.seen(view.towards) for frame in frames]) for view in views])

@@ -47,9 +47,9 @@ def approach_of(result: Result, scene: Scene, grasp: SceneGrasp, capture: Captur
 
     All quantities are in the axes of the mating frame. The gap is ``grasp_gap``; its rate is the velocity of
     the tip relative to the target's coincident point, from configurations and velocities. The axis is
-    ``capture.axis``, with the sign that makes the initial distance to go positive. After a capture the
-    last row is at its time: the velocity is the event's, before the impact, and the gap follows from the row
-    before by the mean of both velocities.
+    ``capture.axis``, with the sign that makes the initial distance to go positive. After a capture the last
+    row is at its time: the velocity is that of the event, before the impact, and the gap is integrated from
+    the row before with the mean of both velocities.
     """
     data, time = result.data, result.data.time.values
     captured = (

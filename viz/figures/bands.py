@@ -64,6 +64,6 @@ def bands(signal: QuantileBands) -> Drawing:
 
 
 def moving_components(signal: QuantileBands) -> list[int]:
-    """Places of the components that are not the same all the time in every sample."""
+    """Indices of the components that vary over time or between samples."""
     span = np.nan_to_num(signal.greatest).max(axis=0) - np.nan_to_num(signal.least).min(axis=0)
     return [int(i) for i in np.flatnonzero(span > 1e-12 * max(float(span.max(initial=0.0)), 1e-300))]

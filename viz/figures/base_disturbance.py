@@ -16,7 +16,7 @@ def disturbance(results: Mapping[str, Result]) -> Drawing:
     """Rotation and translation of the first robot's base, and the torques, over time.
 
     Args:
-        results: Of the same task, by name.
+        results: Results of the same task, by name.
     """
     figure, axes = panels(1, 3, height_in=2.3, sharex=True)
     for k, (name, result) in enumerate(results.items()):

@@ -108,7 +108,7 @@ def _overlay(row: Sequence[Axes], results: Sequence[Result], body: str) -> None:
 @figure("Grip forces", applies=lambda result: bool(result.data.sizes["grasp"]), place=9)
 @styled
 def grip_forces(result: Result) -> Drawing:
-    """Force of each grasp on the object, its torque where there is any, and its gap: a row for each grasp."""
+    """Force, torque and gap of each grasp, a row for each; torques and gaps that are zero are left out."""
     data, names = result.data, shown_axes(result)
     quantities = [("grasp_force", "force", "N", 1.0, names)]
     if float(np.abs(data.grasp_torque.values).max(initial=0.0)) > 0:

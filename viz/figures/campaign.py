@@ -43,10 +43,11 @@ class SampleSpread:
 def robustness(
     samples: Mapping[str, ArrayLike], *, quantity: str, unit: str, limit: float | None = None
 ) -> Drawing:
-    """Share of perturbed runs that stay below a value, for each design; medians and 95 % marked.
+    """Cumulative distribution of a quantity over perturbed runs for each design, with median and 95 %
+    quantile.
 
     Args:
-        samples, quantity, unit, limit: As those of :class:`SampleSpread`.
+        samples, quantity, unit, limit: See :class:`SampleSpread`.
     """
     figure, axes = panels(1, 1, height_in=2.2 + 0.17 * len(samples))  # the legend has a line for each
     _draw(axes[0, 0], SampleSpread(samples, quantity, unit, limit), numbers=True)
@@ -59,7 +60,7 @@ def distributions(spreads: Sequence[SampleSpread]) -> Drawing:
     """Distributions of several metrics, one panel for each.
 
     Args:
-        spreads: One for each panel, all of the same designs.
+        spreads: Spread of each panel, all of the same designs.
     """
     figure, axes = panel_grid(len(spreads), 2, height_in=2.1)
     for panel, spread in zip(axes.flat, spreads, strict=False):
@@ -126,7 +127,7 @@ def _draw(panel: Axes, spread: SampleSpread, *, numbers: bool) -> None:
 
 
 def _apart(marks: Mapping[float, float]) -> dict[float, str]:
-    """Values as texts with the fewest digits, at least three, that keep them distinct."""
+    """Text of each value, with as many significant digits, at least three, as make the texts distinct."""
     texts: dict[float, str] = {}
     for digits in range(3, 16):
         texts = {level: f"{value:.{digits}g}" for level, value in marks.items()}

@@ -25,12 +25,12 @@ def draw_all(
     """File name, kind and drawing of every figure.
 
     Args:
-        results: One, or several to compare. Figures that compare show all of them; the others are drawn of
-            each, from the second on with ``_2`` and so on behind their names.
-        names: Names of the kinds wanted; all if not given.
+        results: One result, or several to compare. Figures that compare show all of them; other figures are
+            drawn for each, with the suffix ``_2``, ``_3``, ... from the second result on.
+        names: Names of the kinds to draw; None draws all.
 
     Raises:
-        ResultError: If there is no figure of a wanted name, or some results are planar and others spatial.
+        ResultError: If there is no figure of a name, or some results are planar and others spatial.
     """
     check_comparable(results)
     common = with_common_tips(results)

@@ -32,7 +32,7 @@ def write_figures(data: Data, folder: Path) -> None:
 
 
 def figures_of(benchmark: Data, precisions: list[float]) -> Iterator[tuple[str, Drawing]]:
-    """Figures of one problem by name: running times, convergence, and what is known of the designs."""
+    """Figures of one problem, with their names: running times, convergence, and properties of the designs."""
     ranked = {name: method for name, method in benchmark["methods"].items() if method["running_times"]}
     if ranked:
         times = {

@@ -31,12 +31,12 @@ def docking(result: Result, *, frames: int = 6) -> Drawing:
 
 
 def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
-    """The scene at rows of a result's data, in reading order, each with its time and what it is.
+    """The scene at rows of a result's data, in reading order, each with its time and caption.
 
     Args:
         result: Result to be drawn.
         rows: Indices of its times, ascending.
-        words: Caption of each frame; nothing is written where it is empty.
+        words: Caption of each frame; may be empty.
     """
     scene = result.scene()
     view = view_of(result, scene)
@@ -81,9 +81,14 @@ def strip(result: Result, rows: Rows, words: Sequence[str] = ()) -> Drawing:
 def draw_frame(
     panel: Axes, result: Result, motion: BodyMotion, frame: int, view: View, dpi: float = 300
 ) -> None:
-    """One frame in axes whose limits are set: bodies, where bases began, references, paths up to now.
+    """Draw one frame: bodies, initial poses of bases and object, references, and tip paths up to this frame.
 
-    ``dpi`` is the pixels an inch of what is drawn as pixels.
+    Args:
+        panel: Axes with their limits set.
+        result, motion: Result, and its sampled motion.
+        frame: Index of the frame in the motion.
+        view: Direction of view.
+        dpi: Resolution of images in the drawing [pixels/in].
     """
     draw_nodes(panel, motion, frame, view, dpi=dpi)
     draw_ghosts(panel, motion, view, dpi=dpi)

@@ -42,7 +42,7 @@ def figure(title: str, **options: Any) -> Callable[[Draw], Draw]:
     """Decorator that registers a function as a kind of figure under the function's name.
 
     Args:
-        title: What it shows, for people.
+        title: Title of the figure.
         **options: ``compares``, ``applies``, ``printed`` and ``place`` of :class:`FigureKind`.
 
     Raises:

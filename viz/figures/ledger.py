@@ -89,7 +89,7 @@ def energy_astray(result: Result) -> Array:
 
 
 def relative_drift(result: Result, kind: str) -> Array:
-    """Drift of the ``linear`` or ``angular`` momentum, over what the summary's ledger divides it by."""
+    """Drift (nt,) of the ``linear`` or ``angular`` momentum, relative to the largest partial momentum."""
     total, ledger = conserved_momentum(result.data, kind).values, result.summary["ledger"]["momentum"]
     momentum: Mapping[str, Any] = ledger["linear"] if kind == "linear" else ledger["angular"]
     (largest,) = (value for key, value in momentum.items() if key.startswith("largest_partial_"))

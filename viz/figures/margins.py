@@ -16,7 +16,7 @@ MOST_LOOPS = 8
 
 
 def _chosen(loops: tuple[LoopMargins, ...]) -> list[LoopMargins]:
-    """Loops with margins, the least first."""
+    """Loops with finite margins, by disk margin, the smallest first; at most ``MOST_LOOPS``."""
     return sorted((one for one in loops if one.disk < 2), key=lambda one: one.disk)[:MOST_LOOPS]
 
 
@@ -54,11 +54,11 @@ def bode(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Dr
 
 @styled
 def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) -> Drawing:
-    """Gain over phase of broken loops, and the disk that the one with the least margin does not enter.
+    """Nichols chart: gain over phase of broken loops, with the disk around -1 of the smallest disk margin.
 
     Args:
-        linear, loops: As for :func:`bode`.
-        title: Above it.
+        linear, loops: See :func:`bode`.
+        title: Title of the figure.
     """
     figure, axes = panels(1, 1, height_in=3.6)
     panel = axes[0, 0]
@@ -79,11 +79,12 @@ def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) ->
 
 @styled
 def margins_along(analysis: MarginAnalysis, title: str) -> Drawing:
-    """Disk and phase margins of the least stable loops over time, captures and releases marked.
+    """Disk and phase margins of the loops with the smallest disk margins over time, with captures and
+    releases.
 
     Args:
         analysis: Margins at instants along a simulation.
-        title: Above it.
+        title: Title of the figure.
     """
     data = analysis.to_xarray()
     least = data.disk.min("instant")

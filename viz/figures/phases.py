@@ -28,9 +28,12 @@ def phases_of(result: Result) -> list[tuple[str, float, float]]:
 
 
 def mark_phases(axes: Axes, result: Result, *, named: bool = False) -> None:
-    """Shade every second phase, and mark where grasps close and let go; ``named`` says in words what is what.
+    """Shade every second phase, and mark captures and releases of grasps.
 
-    Name them in one panel of a figure, before its legend is made.
+    Args:
+        axes: Panel to mark.
+        result: Result with the phases and events.
+        named: Whether phases and marks get labels; for one panel of a figure, before its legend is drawn.
     """
     shade(axes, phases_of(result), named=named)
     for kind, colour in _MARKS.items():
@@ -41,10 +44,13 @@ def mark_phases(axes: Axes, result: Result, *, named: bool = False) -> None:
 
 
 def shade(axes: Axes, phases: Sequence[tuple[str, float, float]], *, named: bool = False) -> None:
-    """Shade every second one of phases, name, begin and end [s] each; ``named`` writes their names.
+    """Shade every second phase.
 
-    A name reads upwards from the beginning of its phase, over a light ground in front of the curves. One that
-    begins less than a line's width after another one stands below it.
+    Args:
+        axes: Panel to shade.
+        phases: Name, begin and end [s] of each phase.
+        named: Whether the names are written: upwards at the begin of each phase, on a light ground above the
+            curves. A name less than a line's width after another one is placed below it.
     """
     span = max((end for _, _, end in phases), default=0.0) - min(
         (begin for _, begin, _ in phases), default=0.0

@@ -186,12 +186,12 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
 
 @styled
 def convergence(solves: list[Mapping[str, Any]]) -> Drawing:
-    """Cost and greatest violation over the iterations of every run of the solver.
+    """Cost and largest violation over the iterations of every run of the solver.
 
-    The cost is shown as its distance from the run's own last cost: costs on different meshes differ.
+    The cost is shown as the distance from the last cost of its run, since costs on different meshes differ.
 
     Args:
-        solves: As ``plan.json`` has them.
+        solves: Runs of the solver, from ``plan.json``.
     """
     figure, axes = panels(1, 2, height_in=2.3)
     for k, solve in enumerate(solves):

@@ -110,7 +110,7 @@ def styled(function: Callable[P, T]) -> Callable[P, T]:
 
 @styled
 def to_bytes(figure: Figure, form: str) -> bytes:
-    """A figure as a file of the given kind, the same bytes whenever it is written."""
+    """Bytes of a figure's file in the format ``form``, without a date, so that they are reproducible."""
     lay_out(figure)
     buffer = io.BytesIO()
     undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
@@ -173,7 +173,10 @@ def write_drawings(
 
 @contextmanager
 def _plain_fonts() -> Iterator[None]:
-    """Leave the tables that shape text out of fonts: no PDF reads them, and cutting them takes longest."""
+    """Context in which embedded fonts omit the tables of text shaping.
+
+    PDF readers do not use these tables, and to subset them takes most of the time.
+    """
     from fontTools.subset import Options  # by which Matplotlib embeds fonts, without a say in how
 
     before = Options.__dict__.get("_drop_tables_default")
@@ -188,7 +191,8 @@ def _plain_fonts() -> Iterator[None]:
 
 @contextmanager
 def drawn_for(width: str) -> Iterator[None]:
-    """Draw figures as wide as one of :data:`WIDTHS_MM`; those in one column are at most 120 mm high.
+    """Context in which figures have one of the widths of :data:`WIDTHS_MM`; in one column at most 120 mm
+    high.
 
     Raises:
         ResultError: If there is no such width.
@@ -221,9 +225,9 @@ def panels(
     keep them high enough are used.
 
     Args:
-        rows, columns: How many.
+        rows, columns: Numbers of rows and columns.
         height_in: Height of one row [in].
-        sharex, sharey: Whether axes are the same in all panels, or ``"col"``: in those of a column.
+        sharex, sharey: Whether all panels share their axes; ``"col"`` for the panels of a column.
     """
     lines, across, height = rows, columns, height_in * rows + 0.5
     if is_narrow():
@@ -286,7 +290,7 @@ def line(index: int) -> dict[str, Any]:
 
 
 def legend_above(figure: Figure, *axes: Axes, columns: int = 4) -> None:
-    """One legend for all panels, of what is drawn in these; each name stands in it once."""
+    """Add one legend above all panels, with each label of the given panels once."""
     named: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):

@@ -49,8 +49,8 @@ def tip_paths(*results: Result) -> Drawing:
     """Reference and actual tip paths (Fig. 5): a row for each result and plane, a column for each tip.
 
     All panels of a row show the same plane of the world, and all panels have one scale. A spatial scene is
-    seen in the plane in which the references reach farthest and, if they leave that, in one with the third
-    axis. Errors too small to be seen are drawn once more, enlarged.
+    shown in the plane of the largest extent of the references and, if they leave it, in a second plane with
+    the third axis. Errors too small to be visible are also drawn enlarged.
     """
     tips = _shown(results[0])
     drawings = list(product(zip(results, labels_of(results), strict=True), planes(results)))
@@ -120,7 +120,7 @@ def planes(results: Sequence[Result]) -> list[tuple[int, int]]:
 
 
 def enlargement(error: float, reach: float) -> float:
-    """Round factor by which an error [m] is seen beside a path of this reach [m]; 1 if it is seen anyway."""
+    """Round factor that makes an error [m] visible next to a path of extent ``reach`` [m]; at least 1."""
     if error <= 0 or error > 0.04 * reach:
         return 1.0
     factor = 0.12 * reach / error
@@ -133,9 +133,9 @@ def enlargement(error: float, reach: float) -> float:
 def tip_errors(*results: Result) -> Drawing:
     """Tip errors, reference minus position (Fig. 7 and 10): a row for each tip, a column for each axis.
 
-    All panels have one scale. The paper's bands lie behind those of its own robots. Several
-    results, before and after tuning for example, are drawn over each other; a last column then shows the size
-    of their errors on a logarithmic scale, on which the smaller ones are seen as well.
+    All panels have one scale. The panels of the paper's robots also show its error bands. Several results,
+    such as before and after tuning, are drawn over each other; a further column then shows the magnitude of
+    their errors on a logarithmic scale.
     """
     return _draw(results, _POSITION, shown_axes(results[0]))
 

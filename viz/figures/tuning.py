@@ -1,7 +1,4 @@
-"""Tuning: convergence, running times, data profiles, and sensitivities of gains.
-
-They take plain data, whatever made it.
-"""
+"""Figures of tuning, from plain data: convergence, running times, data profiles, sensitivities of gains."""
 
 from __future__ import annotations
 
@@ -27,14 +24,13 @@ def convergence(
 ) -> Drawing:
     """Gap of the runs of each method to the best known value, over their cost.
 
-    A panel for each method, all on the same axes: its runs from the best to the worst as a band, their median
-    as a line, and the other methods' medians behind.
+    Each method has a panel, all with the same axes: a band from its best to its worst run, their median as a
+    line, and the medians of the other methods in the background.
 
     Args:
-        runs: By method: for each run its cost in rollouts and its gap, relative to the best known value,
-            wherever it improved, (n, 2).
+        runs: By method, for each run (n, 2): cost in rollouts and relative gap at each improvement.
         targets: Gaps that are marked.
-        ends: By method: cost at which each run ended (runs,).
+        ends: Cost at which each run ended (runs,), by method.
     """
     names = list(runs)
     figure, axes = panel_grid(len(names), 4, height_in=1.55, sharex=True, sharey=True)
@@ -95,9 +91,10 @@ def running_times(
     """Expected running time of each method to each target, with intervals.
 
     Args:
-        times: By method: for each target the expected running time, and its interval's ends, (targets, 3) in
-            rollouts. What is infinite or None is not drawn, or drawn to the panel's edge.
-        targets: What each target is called.
+        times: Expected running time and both ends of its interval for each target (targets, 3) [rollouts], by
+            method; None for infinity. An infinite time is replaced by the text "never met", an infinite
+            interval extends to the edge of the panel.
+        targets: Labels of the targets.
     """
     names = list(times)
     figure, axes = panels(1, len(targets), height_in=0.7 + 0.21 * len(names), sharey=True, sharex=True)

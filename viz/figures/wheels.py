@@ -53,7 +53,7 @@ def wheels(result: Result) -> Drawing:
 )
 @styled
 def momentum_budget(result: Result) -> Drawing:
-    """Change of momentum of robots, wheels and object, and the impulse from outside that it all comes to."""
+    """Changes of momentum of robots, wheels and object, and the external impulse, which equals their sum."""
     components = [("angular", axis) for axis in (["z"] if "body_angle" in result.data else ["x", "y", "z"])]
     if "impulse_linear" in result.data:
         components = [*(("linear", axis) for axis in shown_axes(result)), *components]

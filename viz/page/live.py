@@ -45,7 +45,7 @@ class LiveViewer(Loopback):
         self._send({"show": still(scene)})
 
     def show(self, *results: Result) -> None:
-        """Play a result or compare several, instead of what was shown before.
+        """Show a result, or compare several, in place of the present content.
 
         Raises:
             ResultError: If the results cannot be compared.

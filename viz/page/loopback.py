@@ -59,7 +59,7 @@ class Loopback:
         return f"http://{ADDRESS}:{self.port}/"
 
     def handlers(self) -> list[Any]:
-        """Handlers of the server, as tornado takes them; each a :class:`LocalRequestHandler`."""
+        """Routes of the server in tornado's form; each handler is a :class:`LocalRequestHandler`."""
         raise NotImplementedError
 
     def allows(self, host: str) -> bool:

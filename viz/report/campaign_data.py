@@ -37,11 +37,11 @@ def campaign_data(
     Args:
         folder: Folder of the campaign.
         progress: Called with a text at each stage.
-        evaluator: Evaluator of the campaign; made again from the folder if None.
+        evaluator: Evaluator of the campaign; rebuilt from the folder if None.
 
     Raises:
-        ResultError: If the folder holds no readable campaign (see :func:`optim.campaign.reopen`), or none
-            whose samples begin.
+        ResultError: If the folder has no readable campaign (see :func:`optim.campaign.reopen`), or none of
+            its samples starts.
     """
     if evaluator is None:
         progress("opening the campaign")

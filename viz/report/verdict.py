@@ -11,7 +11,7 @@ from spacerobot.result.table import status_text
 
 
 def margins_verdict(margins: SavedMargins) -> list[str]:
-    """Stability at each instant, and the loop with the least disk margin."""
+    """Sentences on the stability at each instant, with the loop of the smallest disk margin."""
     sentences = []
     for k, label in enumerate(map(str, margins.data.instant.values)):
         instant = margins.data.isel(instant=k)

@@ -47,11 +47,11 @@ def keep(
     """Write a design into a folder.
 
     Args:
-        what: One of ``KINDS``.
+        what: Kind of file, one of ``KINDS``.
         name: Name of the file without its suffix, or of the result's folder.
         folder: Folder of the file; nothing is written elsewhere.
         origin, changes: The design.
-        tell: Called with progress messages of long exports.
+        tell: Callback for progress messages of long exports.
 
     Raises:
         ResultError: If the name is not allowed, or the file cannot be written.
@@ -128,7 +128,7 @@ def command_line(origin: Origin, changes: Mapping[str, Any], step_s: float | Non
 
 
 def as_yaml(value: Any) -> str:
-    """A value on one line that YAML reads back as the same."""
+    """YAML of a value on one line."""
     plain = str(value)
     if isinstance(value, str):
         try:

@@ -1,4 +1,4 @@
-"""Derivatives of a metric by differences: while exact ones are being compiled, or where there are none."""
+"""Derivatives of a metric by differences, used until exact derivatives are compiled, or if none exist."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def differences(
     paths: Sequence[str],
     halted: Callable[[], bool] = lambda: False,
 ) -> Iterator[dict[str, float | None]]:
-    """Derivative of a metric by each number, by two rollouts for each, on both sides where both are allowed.
+    """Derivatives of a metric by numbers, by central differences, one-sided at the limit of a number.
 
     Args:
         plant, numbers: The design.
         metric: Metric to be differentiated.
         paths: Paths of the numbers; those that need another compilation are left out.
-        halted: Called before each rollout; if it returns True, the computation ends without a further result.
+        halted: Function called before each rollout; if it returns True, the computation ends.
 
     Yields:
         dict: Derivatives since the last part, by path, in the metric's unit per unit of the number; None

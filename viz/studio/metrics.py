@@ -65,10 +65,10 @@ class Metrics:
     measures: Measures
 
     def __getitem__(self, key: str) -> Metric:
-        """The metric of a key.
+        """Metric with a given key.
 
         Raises:
-            SpaceRobotError: If there is none.
+            SpaceRobotError: If there is no such metric.
         """
         named = {metric.key: metric for metric in self.metrics}
         if key not in named:

@@ -44,8 +44,8 @@ class Leaf:
         low, high: Minimum and maximum allowed value; None without a limit.
         open_ends: Whether the limits themselves are excluded.
         choices: Allowed words of a choice.
-        joint_range: Least and greatest position of the joint whose initial position this is, infinite where
-            the URDF gives none; None for any other number.
+        joint_range: For the initial position of a joint, its lower and upper limit, infinite without limits
+            in the URDF; None for other numbers.
     """
 
     path: str
@@ -145,9 +145,10 @@ def find_leaves(scene: Scene) -> dict[str, Leaf]:
 
 
 def suggested(scene: Scene, free: Collection[str]) -> dict[str, tuple[float, float, str] | None]:
-    """Paths that have a slider initially: those of the tuning section, with its bounds.
+    """Paths with an initial slider, and bounds and scale of each.
 
-    If there are none, some gains, stiffnesses and dampings without bounds.
+    They are the numbers of the tuning section with its bounds. Without such numbers they are some gains,
+    stiffnesses and dampings, whose bounds are None.
     """
     document = to_document(scene.scenario)
     sliders: dict[str, tuple[float, float, str] | None] = {}

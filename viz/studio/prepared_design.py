@@ -1,6 +1,6 @@
-"""Scene prepared for the studio, where a rollout of any design of its structure takes milliseconds.
+"""Scene prepared for the studio, so that a rollout of a design with the same structure takes milliseconds.
 
-A compiler, if there is one, works in the background; until it is done, rollouts are interpreted.
+A compiler, if installed, works in the background; until it has finished, rollouts are interpreted.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class Origin:
 
     Attributes:
         scene: The scene.
-        name: The scenario's file or name; None for a scene that was made otherwise.
+        name: File or name of the scenario; None for a scene that was not loaded.
         changes_at_load: Changes with which it was loaded.
     """
 
@@ -226,7 +226,7 @@ class DesignCache:
         return plant
 
     def changes(self, values: Values) -> dict[str, Any]:
-        """Values as changes to the scenario: another kind is a section that keeps what it knows.
+        """Changes of the scenario for values of the page; a new kind keeps the entries that it also has.
 
         Raises:
             ScenarioError: If a path is a pattern, a URDF is one that a page may not name, or there is no such
@@ -263,7 +263,10 @@ class DesignCache:
         return changes
 
     def _split(self, values: Values) -> tuple[dict[str, float], dict[str, Any], list[str]]:
-        """Numbers that the closed loop may depend on, all else, and those numbers that must be asked for."""
+        """Values divided into parameters of the closed loop, other changes, and parameters to be requested.
+
+        The last are paths of numbers that the closed loop has only if they are requested when it is built.
+        """
         inner: dict[str, float] = {}
         others: dict[str, Any] = {}
         for path, value in self.changes(values).items():

@@ -36,7 +36,7 @@ MOST_ROLLOUTS = 100_000
 
 @dataclass(frozen=True)
 class SearchBox:
-    """Numbers that are searched, within bounds; where these are far apart, equal ratios are equal distances.
+    """Box of the numbers that are searched; numbers with widely separated bounds have a log scale.
 
     Attributes:
         paths: Paths of the k numbers.
@@ -52,7 +52,7 @@ class SearchBox:
         """Search box that a request defines.
 
         Raises:
-            ScenarioError: If a path is no number that follows at once, or bounds are none.
+            ScenarioError: If a path cannot be searched, or its bounds are missing or not valid.
         """
         bounds = request.pairs("bounds")
         if not bounds:
@@ -111,12 +111,12 @@ class SearchBox:
 
 
 def improve(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
-    """A few quasi-Newton steps within the bounds, each along the gradient with a line search.
+    """Improve a metric by a few quasi-Newton steps within the bounds, each with a line search.
 
-    Gradients are exact where they are compiled and exist, else differences of rollouts.
+    Gradients are exact if they exist and are compiled, otherwise differences of rollouts.
 
     Raises:
-        SpaceRobotError: If the request asks for what there is not.
+        SpaceRobotError: If the request names a metric or number that does not exist.
     """
     box, metric = SearchBox.of(job.request, plant), plant.metrics[job.request.text("metric")]
     nominal = plant.nominal | dict(numbers)
@@ -188,10 +188,10 @@ def methods() -> dict[str, str]:
 
 
 def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], job: Job) -> None:
-    """A search by a method of tuning.
+    """Improve a metric by a method of tuning.
 
     Raises:
-        SpaceRobotError: If the request asks for what there is not.
+        SpaceRobotError: If the request names a metric, number or method that does not exist.
     """
     request = job.request
     box, metric = SearchBox.of(request, plant), plant.metrics[request.text("metric")]
@@ -217,12 +217,12 @@ def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float
 
 
 class MonitoredProblem:
-    """A problem whose evaluations are told to a page, and end where it wants no more.
+    """A problem whose evaluations report their progress to a page, which may stop them.
 
     Args:
-        problem, metric: The problem, and what the page calls its objective.
-        job, track: Who is told, and what is noted.
-        budget: Rollouts that it may spend.
+        problem, metric: The problem, and the page's metric for its objective.
+        job, track: Job that receives the progress, and the record of the best point.
+        budget: Maximum number of rollouts.
     """
 
     def __init__(self, problem: TuningProblem, metric: Metric, job: Job, track: _Track, budget: int) -> None:

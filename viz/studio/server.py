@@ -28,15 +28,15 @@ MOST_BEHIND = 2
 class Studio(TokenServer):
     """Server of a page on which every number of a scene can be changed.
 
-    Beside what :class:`~viz.page.loopback.Loopback` asks of a request, it must name the token that stands in
-    the page's address, which no other program on this computer knows.
+    In addition to the checks of :class:`~viz.page.loopback.Loopback`, a request must contain the token in the
+    page's address, which no other program on this computer knows.
 
     Args:
         origin: Scene from which designs differ.
         folder: Only folder in which files are written.
-        port: First port to try; a busy one is stepped over.
-        tell: Called with a message before each long step of the start.
-        waiting: Page served until now, whose address the studio takes over; none if None.
+        port: First port to try; busy ports are skipped.
+        tell: Callback for a message before each long step of the start.
+        waiting: Page served until now, whose address the studio takes over; None without one.
 
     Raises:
         SpaceRobotError: If the scene cannot be rolled out, or no port is free.
@@ -69,7 +69,7 @@ class Studio(TokenServer):
             self._loop.call_soon_threadsafe(call)
 
     def close(self) -> None:
-        """Stop serving and working; pages keep what they have."""
+        """Stop the server and its jobs; open pages keep their content."""
         self.session.close()
         super().close()
 

@@ -45,16 +45,16 @@ class PageConnection(Protocol):
 
     @property
     def behind(self) -> bool:
-        """Whether so many messages have not been sent completely that its requests wait."""
+        """Whether the backlog of unsent messages is so long that further requests wait."""
 
 
 class StudioSession:
     """Answers to requests of pages about designs of one scene.
 
     Args:
-        origin: What designs differ from.
-        folder: The only place where anything is written.
-        tell: Told in words what takes a while, before any page is there.
+        origin: Scenario from which designs differ.
+        folder: Only folder in which files are written.
+        tell: Callback for a message before each long step, until a page is connected.
 
     Raises:
         SpaceRobotError: If the scene cannot be rolled out.
@@ -238,7 +238,7 @@ class StudioSession:
         return None
 
     def _make(self, page: PageConnection, request: Request) -> None:
-        """Compile what a request takes, then ask again what was asked last."""
+        """Prepare the structure of a request's design, and then process the newest request again."""
         try:
             if self.plants.find(request.values) is None:
                 self.plants.make(request.values)
@@ -268,7 +268,7 @@ class StudioSession:
             self._broadcast(None, {"type": "compiling", "what": "gradients", "why": ""})
 
     def _prepare_early(self) -> None:
-        """Compile gradients of the scene itself once a page shows it, before anyone asks for them."""
+        """Compile gradients of the scene as soon as a page shows it, before the first request for them."""
         with suppress(SpaceRobotError):  # who asks is told
             self._prepare(Request("gradient"))
 
@@ -340,7 +340,7 @@ class StudioSession:
             self._resting[page] = request
 
     def _gradient(self, page: PageConnection, request: Request) -> None:
-        """Slopes of a metric; by differences where there are no exact ones, or not before a compilation."""
+        """Send derivatives of a metric: exact ones, or differences while these are not compiled."""
         requested = request.more.get("paths", ())
         missing = [path for path in requested if isinstance(path, str)] if isinstance(requested, list) else []
         metric_key = request.text("metric")

@@ -35,11 +35,11 @@ setTimeout(look, 300);
 
 
 class WaitingPage(TokenServer):
-    """Server of a page that says what the studio waits for, at the studio's address and with its token.
+    """Server of a page with the progress of the studio's start, at the studio's address and with its token.
 
     Args:
         name: Name of the scenario.
-        port: First port to try; a busy one is stepped over.
+        port: First port to try; busy ports are skipped.
 
     Raises:
         SpaceRobotError: If no port is free.

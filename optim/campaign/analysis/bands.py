@@ -29,7 +29,7 @@ class QuantileBands:
         least, low, median, high, greatest: Minimum, 5 %, 50 %, 95 % and maximum over the samples, each (nt,
             c). A diverged rollout counts until its divergence; NaN where no sample remains.
         left: Number of samples that have not diverged by each time (nt,).
-        sample, shown: Number of one sample, and its values over time (nt, c).
+        sample, shown: Index of a single sample, and its values over time (nt, c).
     """
 
     name: str
@@ -51,12 +51,12 @@ def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileB
 
     Args:
         folder: A campaign's store.
-        name: The signal.
-        gains: The set of gains.
-        sample: Number of a sample whose own values are read too.
+        name: Name of the signal.
+        gains: Name of the set of gains.
+        sample: Index of a sample whose values are also returned.
 
     Raises:
-        ResultError: If it cannot be read, or there is no such series, set of gains or sample.
+        ResultError: If the store cannot be read, or there is no such series, set of gains or sample.
     """
     folder = Path(folder)
     try:

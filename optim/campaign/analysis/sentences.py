@@ -26,7 +26,7 @@ CAUSES = {
 
 
 def quantity_of(metric: str) -> str:
-    """A metric in plain words."""
+    """Name of a metric's quantity as text."""
     if metric == "missed":
         return "probability of a miss"
     registry = quantities()
@@ -34,7 +34,7 @@ def quantity_of(metric: str) -> str:
 
 
 def place_of(metric: str, of: str) -> str:
-    """A metric and what it is of, in plain words."""
+    """Name of a metric's quantity, followed by its robot, tip or grasp."""
     return quantity_of(metric) if of == "target" else f"{quantity_of(metric)}, {of}"
 
 

@@ -95,8 +95,10 @@ class Indices:
     """Sobol' indices of k parameters, each with the half-width of its interval, all (k,).
 
     Attributes:
-        first, first_width: Share of the variance explained by the parameter alone, Var(E[y | x_i]) / Var(y).
-        total, total_width: Share that remains if all others are known, E[Var(y | x_~i)] / Var(y).
+        first, first_width: First-order index, the share of the variance that x_i explains without
+            interactions, Var(E[y | x_i]) / Var(y).
+        total, total_width: Total index, the share that remains if all other parameters are fixed,
+            E[Var(y | x_~i)] / Var(y).
     """
 
     first: Array

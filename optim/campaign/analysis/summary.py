@@ -1,4 +1,4 @@
-"""Summary of a campaign: plain data for ``summary.json``, made of its store."""
+"""Summary of a campaign: plain data for ``summary.json``, computed from its store."""
 
 from __future__ import annotations
 
@@ -58,11 +58,14 @@ class SampleStatistics:
     missed: np.typing.NDArray[np.bool_] | None
 
     def largest(self, metric: str) -> Array:
-        """Greatest value over the columns of a metric (n,)."""
+        """Maximum over the columns of a metric (n,)."""
         return np.asarray(self.metrics[metric].max(axis=1))
 
     def badness(self, campaign: Campaign) -> tuple[list[str], Array]:
-        """Metric that each sample is worst in, and how bad it is (n,), as a share of its limit."""
+        """Name of each sample's worst metric, and its value (n,) as a share of its limit.
+
+        Without limits it is the first recorded metric and its value.
+        """
         limited = {name: most for name, most in campaign.limits.given.items() if name in self.metrics}
         limited = limited or {next(iter(self.metrics)): 1.0}
         ratios = np.array([self.largest(metric) / most for metric, most in limited.items()])
@@ -208,7 +211,10 @@ def summary_data(folder: StrPath, evaluator: CampaignEvaluator) -> dict[str, Any
 
 
 def _plans(chosen: xr.Dataset) -> dict[str, Any] | None:
-    """Plans that were solved in flight by model predictive control, those missed, and what they took."""
+    """Numbers of plans that model predictive control solved and missed, and their solve times [s].
+
+    None if the campaign has no planner.
+    """
     if "mpc_plans" not in chosen:
         return None
     values = {name: chosen[name].values[:, 0] for name in (*PLANS, *SOLVE_TIMES)}
@@ -270,11 +276,11 @@ def _worst(
     index: int,
     named: ScenarioSource,
 ) -> list[dict[str, Any]]:
-    """Worst samples in order of severity.
+    """Worst samples, the most severe first.
 
-    First the diverged ones, the earliest first; then by the share of the limit that a metric reaches, with
-    missed captures first, or by the first recorded metric if there is no limit; last the samples that did not
-    start. Of equal ones, as without a time of capture, the largest miss distance is first.
+    Samples that did not start come last, and missed captures come before others. Within these groups the
+    order is by :meth:`SampleStatistics.badness`, then by miss distance, the largest first, then by the time
+    of divergence, the earliest first.
     """
     name, times = str(data.gains.values[index]), data.diverged_at.values[:, index]
     metrics, badness = sampled.badness(evaluator.campaign)

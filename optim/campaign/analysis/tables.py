@@ -1,4 +1,4 @@
-"""Tables of a campaign's summary: the terminal, pages and notebooks show the same ones."""
+"""Tables of a campaign's summary, for the terminal, pages and notebooks."""
 
 from __future__ import annotations
 
@@ -114,7 +114,11 @@ def outcome_table(name: str, outcomes: Mapping[str, Any], parameters: list[str])
 
 
 def pair_table(summary: Mapping[str, Any]) -> Table:
-    """Two sets of gains on the same samples: how often the first has the smaller number."""
+    """Table that compares pairs of sets of gains on the same samples.
+
+    A row has the percentage of samples with the smaller metric under the first set, or the numbers of samples
+    that fail under one set only.
+    """
     rows = []
     for row in summary["against"]:
         pair = [row["first"], row["second"]]

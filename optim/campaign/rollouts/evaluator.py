@@ -133,12 +133,12 @@ class CampaignEvaluator:
 
     @property
     def max_gaps(self) -> Mapping[str, float]:
-        """Grasps that may begin open, and the greatest gaps allowed [m]."""
+        """Maximum gap at the start of each grasp whose rollouts need not start closed, by grasp [m]."""
         return self.members[0].rollout.kernel.closure.largest
 
     @property
     def has_updates(self) -> bool:
-        """Whether controllers are updated in Python, as by plans, which may take seconds."""
+        """Whether Python updates controllers during rollouts, such as by solving plans."""
         return any(member.updated is not None for member in self.members)
 
     @property
@@ -220,11 +220,11 @@ def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool 
 
     Args:
         scene: A scene whose scenario has a ``campaign`` section.
-        gains: Sets of gains: changes by dotted path, by name; the section's if None.
-        compiled: Whether it shall roll out many samples, or only say what a store is of.
+        gains: Sets of gains by name, each of changes by dotted path; the section's if None.
+        compiled: Whether rollouts are compiled; False suffices to read a store.
 
     Raises:
-        ScenarioError: If the section does not fit the scene: a path leads nowhere, the closed loop does not
+        ScenarioError: If the section does not fit the scene: a path does not exist, the closed loop does not
             depend on it, there is no such signal, or its series would not end.
     """
     campaign = campaign_of(scene)
@@ -251,10 +251,10 @@ def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool 
 
 
 def all_draws(evaluator: CampaignEvaluator) -> Array:
-    """Every draw (N, k) of a campaign, judged.
+    """Draws (N, k) of all samples of a campaign, checked against the allowed ranges of the scenario.
 
     Raises:
-        ScenarioError: If a draw holds what no scenario may.
+        ScenarioError: If a draw has a value that a scenario may not have.
     """
     draws = draw(evaluator.campaign)
     for member in evaluator.members:

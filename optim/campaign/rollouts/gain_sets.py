@@ -1,4 +1,4 @@
-"""Sets of gains by name: the scenario's own, those of its campaign section, those of results."""
+"""Sets of gains by name: of the scenario, of its campaign section, and of results."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ CONTROL = ("pid", "amnesia", "orientation_pid", "orientation_amnesia")
 
 
 def gain_sets(scene: Scene, set_names: Sequence[str]) -> Gains | None:
-    """Sets of gains that a user asks for; None for those of the campaign section.
+    """Sets of gains that a user selects; None for those of the campaign section.
 
     Args:
         scene: The scene.
-        set_names: ``NAME`` of the section's, ``scenario`` for the scenario's own, or ``NAME=DIR`` for a
-            result's.
+        set_names: ``NAME`` of a set of the section, ``scenario`` for the scenario's gains, or ``NAME=DIR``
+            for the gains of a result.
 
     Raises:
-        ScenarioError: If there is no such set, or a result is of other robots.
+        ScenarioError: If there is no such set, or a result has other robots.
     """
     gains_by_name = {NOMINAL: {}, **campaign_of(scene).gains}
     chosen_gains: dict[str, dict[str, Any]] = {}

@@ -65,14 +65,14 @@ class MetricColumn:
 
 @dataclass(frozen=True)
 class CampaignMetrics:
-    """Measures of a closed loop, and the columns that follow from them.
+    """Measures of a closed loop, and the columns of the campaign's table that follow from them.
 
     Attributes:
         measures: Measures of the rollout.
-        columns: M of them.
+        columns: The M columns.
         duration_s: Duration of a rollout [s].
-        labels: Label of each component of a quantity's measure, by quantity; components of one label make one
-            column, the largest of them.
+        labels: Label of each component of a quantity's measure, by quantity. The column of a label is the
+            maximum of its components.
     """
 
     measures: Measures
@@ -105,14 +105,14 @@ def build_campaign_metrics(
 ) -> CampaignMetrics:
     """Metrics of a closed loop's rollouts; a metric that does not apply to the scene is left out.
 
-    Columns are added that say which grasps were captured, and which rollouts to trust: the residual of the
-    energy, the drift of the momenta where they are constant, and the indentation of contacts.
+    Further columns tell which grasps were captured and how trustworthy a rollout is: the residual of the
+    energy, the drift of the momenta where they are conserved, and the indentation of contacts.
 
     Args:
-        loop, extended: The closed loop, and the one that is rolled out where it has states beside for what is
-            measured.
+        loop: The closed loop.
         scene: Scene of the closed loop.
-        names: Metrics by the names of the scenario's campaign section.
+        names: Names of the metrics, as in the scenario's campaign section.
+        extended: The closed loop that is rolled out, with further states for the measures; ``loop`` if None.
     """
     context = context_of(scene, extended or loop)
     named: dict[str, Measure] = {}

@@ -70,7 +70,7 @@ def series_step(campaign: Campaign, duration_s: float) -> float | None:
 
 
 def build_recording(loop: ClosedLoop, scene: Scene, names: Sequence[str], time_s: Array) -> SignalRecording:
-    """Signals of a closed loop's rollouts that are kept over time.
+    """Recording of signals of a closed loop's rollouts over time.
 
     Args:
         loop: The closed loop.
@@ -79,7 +79,7 @@ def build_recording(loop: ClosedLoop, scene: Scene, names: Sequence[str], time_s
         time_s: Times of recording (nt,) [s].
 
     Raises:
-        ScenarioError: If there is no such output, or this scene has nothing that it is of.
+        ScenarioError: If there is no such output, or it has no components in this scene.
     """
     sizes = {name: loop.outputs.numel_out(name) for name in loop.outputs.name_out()}
     variables = {variable.name: variable for variable in loop.variables}

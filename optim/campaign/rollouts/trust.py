@@ -35,10 +35,10 @@ Mask = np.typing.NDArray[np.bool_]
 
 
 def drift_measure(loop: ClosedLoop, signals: Signals) -> Measure:
-    """Final values that :func:`drift_of` is made of: for each kind its change (3), and the largest of a body.
+    """Final values (8,) for :func:`drift_of`: for linear and angular momentum the change (3), and a scale.
 
-    A body's largest momentum is looked for at the start and at the end alone: at every step it would cost a
-    seventh of a rollout.
+    The change is that of the total momentum minus the external impulse. The scale is the largest momentum of
+    a body at the start or the end; the maximum over all steps would cost a seventh of a rollout.
     """
     begin, parts = _begin(loop, signals), []
     for kind in KINDS:
@@ -52,9 +52,9 @@ def drift_measure(loop: ClosedLoop, signals: Signals) -> Measure:
 
 
 def residual_measure(loop: ClosedLoop, signals: Signals) -> Measure:
-    """Final values that :func:`residual_of` is made of [J]: what the balance leaves open, its largest energy.
+    """Final values (2,) for :func:`residual_of` [J]: residual of the energy balance, and the largest energy.
 
-    Energies are looked at where momenta are: at the start and at the end.
+    Energies are evaluated at the start and the end only, as momenta are in :func:`drift_measure`.
     """
     begin = _begin(loop, signals)
     stored = [sum(named[name] for name in STORED) for named in (begin, signals.outputs)]
@@ -66,7 +66,7 @@ def residual_measure(loop: ClosedLoop, signals: Signals) -> Measure:
 
 
 def depth_measure(scene: Scene, signals: Signals) -> Measure:
-    """Greatest indentation of each contact at all steps, in parts of its smaller shape's least half (n)."""
+    """Largest indentation of each contact over all steps, relative to its :func:`contact_size` (n,)."""
     sizes = [contact_size(contact) for contact in scene.contacts]
     return peak(-ca.vec(signals["contact_gap"]) / ca.DM(sizes))
 
@@ -78,7 +78,7 @@ def _begin(loop: ClosedLoop, signals: Signals) -> dict[str, ca.SX]:
 
 
 def drift_of(values: Array) -> Array:
-    """Change of momentum, in parts of the largest of a body (N, 2): linear and angular.
+    """Change of linear and angular momentum relative to the largest momentum of a body (N, 2).
 
     Args:
         values: Values of :func:`drift_measure` (N, 8).
@@ -88,7 +88,7 @@ def drift_of(values: Array) -> Array:
 
 
 def residual_of(values: Array) -> Array:
-    """Energy that no work explains, in parts of the largest energy (N, 1).
+    """Residual of the energy balance relative to the largest energy (N, 1).
 
     Args:
         values: Values of :func:`residual_measure` (N, 2).

@@ -58,10 +58,10 @@ def campaign_of(scene: Scene) -> Campaign:
 
 
 def gain_set(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """The scene with one set of gains, and with sensors where a campaign makes their errors uncertain.
+    """The scene with one set of gains, and with ideal sensors if the campaign varies sensor errors.
 
     Raises:
-        ScenarioError: If a change leads nowhere or gives no valid scenario.
+        ScenarioError: If the path of a change does not exist, or the result is no valid scenario.
     """
     changed_scene = build_scene(scene.scenario, changes, source=scene.source) if changes else scene
     patterns = [p for parameter in campaign_of(scene).parameters.values() for p in parameter.paths]
@@ -76,7 +76,7 @@ def resolve_space(scene: Scene, campaign: Campaign) -> ParameterSpace:
     """Resolve the parameters of a campaign to the scene's numbers.
 
     Raises:
-        ScenarioError: If a path is not in the scenario, is no number, or stands in two parameters.
+        ScenarioError: If a path is not in the scenario, is no number, or belongs to two parameters.
     """
     named = {name: parameter.paths for name, parameter in campaign.parameters.items()}
     numbers_by_name = find_numbers(scene, named, "campaign.parameters")
@@ -95,7 +95,7 @@ def resolve_space(scene: Scene, campaign: Campaign) -> ParameterSpace:
 
 
 def units_of(scene: Scene, campaign: Campaign, space: ParameterSpace) -> dict[str, str]:
-    """Unit of each parameter's draw, and what is done with it where it is not the number itself."""
+    """Unit of each parameter's draw; for factors and offsets also the way in which they are applied."""
     units = {}
     for index, (name, parameter) in enumerate(campaign.parameters.items()):
         unit = unit_at(scene.scenario, space.paths[space.owner.index(index)])

@@ -1,6 +1,6 @@
-"""Draws of a campaign: points of the unit cube, correlated, then carried into the distributions.
+"""Draws of a campaign: points of the unit cube, correlated and mapped to the parameters' distributions.
 
-All samples are drawn at once from the seed, so that sample i is the same however they are worked through.
+All samples are drawn at once from the seed, so that sample i does not depend on the order of evaluation.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def quantiles(parameter: UncertainParameter, u: Array) -> Array:
 
 
 def score_values(parameter: UncertainParameter, z: Array) -> tuple[Array, Array]:
-    """Values (N,) of a distribution at standard normal scores z (N,), and their slopes by the scores (N,)."""
+    """Values x = F^-1(Phi(z)) (N,) of a distribution at standard normal scores z (N,), and dx/dz (N,)."""
     low, high = parameter.lower or 0.0, parameter.upper or 0.0
     mean, std = parameter.mean or 0.0, parameter.std or 1.0
     if parameter.kind == "uniform":
@@ -61,7 +61,7 @@ def score_values(parameter: UncertainParameter, z: Array) -> tuple[Array, Array]
         value = (parameter.median or 1.0) * np.exp((parameter.sigma or 0.0) * z)
         return value, (parameter.sigma or 0.0) * value
     cut = stats.truncnorm((low - mean) / std, (high - mean) / std, loc=mean, scale=std)
-    # the tail that is small is the one that is accurate
+    # the smaller tail probability has the smaller rounding error
     value = np.where(z < 0, cut.ppf(ndtr(z)), cut.isf(ndtr(-z)))
     return value, stats.norm.pdf(z) / cut.pdf(value)
 

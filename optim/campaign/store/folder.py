@@ -187,11 +187,13 @@ def load_head(folder: Path) -> dict[str, Any]:
 
 
 def difference(head: Mapping[str, Any], identity: Mapping[str, Any]) -> str | None:
-    """First difference between a folder's campaign and another one; empty if unknown, None if there is none.
+    """Text of the first difference between a folder's campaign and another one.
+
+    None if their fingerprints agree; empty if they differ but not in scenario, gains or URDF.
 
     Args:
         head: Contents of ``campaign.json``, as :func:`load_head` returns them.
-        identity: Settings that determine the other one's numbers.
+        identity: Settings that determine the numbers of the other campaign.
     """
     if head.get("fingerprint") == identity["fingerprint"]:
         return None

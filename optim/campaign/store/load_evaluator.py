@@ -1,4 +1,4 @@
-"""The evaluator of a campaign, made again from its folder alone."""
+"""Evaluator of a campaign, rebuilt from its folder."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ AGAIN = "run the campaign again in another folder"
 
 
 def reopen(folder: StrPath) -> CampaignEvaluator:
-    """Evaluator of the campaign in a folder, its store merged as far as it exists; nothing is compiled.
+    """Evaluator of the campaign in a folder, without compilation; parts of its store are merged.
 
     Args:
         folder: Folder that ``spacerobot campaign`` or :func:`optim.campaign.run_campaign` wrote, complete or
             not.
 
     Raises:
-        ResultError: If it holds no campaign, no sample yet, or one that another process writes; or if it was
-            made by another version of the library or from URDFs that have changed since; or if its data are
-            damaged.
+        ResultError: If the folder has no campaign or no sample, another process writes it, another version of
+            the library wrote it, a URDF has changed since, or its data are damaged.
     """
     folder = Path(folder)
     head = load_head(folder)

@@ -23,7 +23,12 @@ PIECE_BYTES = 1_000_000  # of series that are packed together
 
 
 def block_rows(sets: int, recording: SignalRecording) -> int:
-    """Samples of a block of so many sets of gains: a power of two, so few that series fit into memory."""
+    """Number of samples of a block: the largest power of two whose series fit into ``BLOCK_BYTES``.
+
+    Args:
+        sets: Number of sets of gains.
+        recording: Recorded series.
+    """
     fitting = max(1, BLOCK_BYTES // max(sets * recording.bytes_per_rollout, 1))
     return int(min(ROWS, 1 << (fitting.bit_length() - 1)))
 
@@ -118,7 +123,7 @@ def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
         series: Names of the kept signals to read, each (sample, gains, time, component); they may be large.
 
     Raises:
-        ResultError: If there is no campaign, it cannot be read, or it kept no such signal.
+        ResultError: If there is no campaign, it cannot be read, or it has no such series.
     """
     folder = Path(folder)
     path = folder / DATA
@@ -149,7 +154,11 @@ def load_campaign(folder: StrPath, series: Sequence[str] = ()) -> xr.Dataset:
 def blocks(
     tables: Iterator[tuple[int, SampleTable]], rows: int
 ) -> Iterator[tuple[np.typing.NDArray[np.int64], SampleTable]]:
-    """Regroup samples in blocks of so many rows, the last one may be shorter; with the samples' numbers."""
+    """Blocks of ``rows`` samples, from tables of any length; the last block may be shorter.
+
+    Yields:
+        tuple: Indices of the samples, and their table.
+    """
     pending: list[tuple[np.typing.NDArray[np.int64], SampleTable]] = []
     count = 0
     for begin, table in tables:

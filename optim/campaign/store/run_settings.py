@@ -1,4 +1,4 @@
-"""Settings of a campaign's folder that do not decide its numbers: its call, and what is requested."""
+"""Settings in a campaign's folder that do not change its numbers: its call and its requested outputs."""
 
 from __future__ import annotations
 

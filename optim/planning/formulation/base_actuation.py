@@ -1,7 +1,8 @@
 """Actuation of floating bases: wrench limits of the section, else those of the scenario's actuators.
 
-`base_wrench` and `reaction_wheels` define a box of wrenches. For thrusters it is the largest box inside all
-wrenches that they can produce, with sides in the ratio of the largest wrenches along single axes.
+`base_wrench` and `reaction_wheels` define a box of wrenches. For thrusters the box is inscribed in the set of
+wrenches that they can produce, as large as possible with sides in the ratio of the maximum single-axis
+wrenches.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ class BaseWrenchLimits:
     """Largest wrench that a base's actuators deliver.
 
     Attributes:
-        largest: Greatest force along [N] and torque about [N m] each axis of the root link (6,).
-        source: Actuators that set the limits, in words, for the parts that the section does not limit.
+        largest: Maximum force along [N] and torque about [N m] each axis of the root link (6,).
+        source: Text that names the actuators behind the limits which the section does not set.
     """
 
     largest: Array

@@ -142,5 +142,5 @@ def planned_joint(scene: Scene, body: SceneBody, joint: int) -> PlannedJoint:
 
 
 def _least(limits: Limits, joint: PlannedJoint, key: JointQuantity) -> float:
-    """Lowest of all limits of a joint's rate or torque; infinite if there is none."""
+    """Smallest limit of a joint's rate or torque; infinite without a limit."""
     return min((limit.joint_limits(joint).get(key, np.inf) for limit in limits.values()), default=np.inf)

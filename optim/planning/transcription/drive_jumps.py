@@ -7,7 +7,7 @@ pieces' durations are unknowns whose sum is within the plan's limits.
 
 In each interval of a segment drives are linear in time,
 
-    u_nj = (1 - c_j) u_n0 + c_j u_n(s-1)    at the inner nodes c_j,
+    u_nj = (1 - c_j) u_n0 + c_j u_n(s-1)    at the inner nodes c_j.
 
 The positive parts of forces whose magnitudes are a cost are linear too, so that limits at the knots hold in
 between. Without this the computed minimum time is too short, because a polynomial exceeds the limits between

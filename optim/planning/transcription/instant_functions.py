@@ -27,13 +27,16 @@ NAMES = ("values", "jacobian", "hessian")
 
 @dataclass(frozen=True, eq=False)
 class InstantFunctions:
-    """Vectorised functions of instants, one column for each, and of the last instant.
+    """Vectorised functions of the instants of a plan.
+
+    F stacks q', the residual of the equations of motion, the path rows and the terms of the cost at an
+    instant; G stacks the goal rows and the terms of the cost at the last instant. H is the upper triangle of
+    the second derivatives of weights . F.
 
     Attributes:
-        call: Evaluates one of ``values(z -> F)``, ``jacobian(z -> J's entries)`` and ``hessian(z, weights ->
-            H's entries)`` for many columns, with F = (q', what is left of the equations of motion, path rows,
-            terms of the cost) and H the upper triangle of the second derivatives of weights . F; ``goal_...``
-            the same of the goal rows and of what the last instant costs.
+        call: Evaluates a function by name for instants z (nz, count), one per column: ``values`` (F),
+            ``jacobian`` (nonzero entries of dF/dz) and ``hessian`` (nonzero entries of H, with the weights as
+            second argument); ``goal_values``, ``goal_jacobian`` and ``goal_hessian`` for G.
         backend: ``compiled`` or ``interpreted``.
         jacobian, hessian, goal_jacobian, goal_hessian: Rows and columns of the nonzero entries.
     """
@@ -172,11 +175,23 @@ def derived(
     constant: ca.SX | None = None,
     share: bool = True,
 ) -> tuple[dict[str, ca.Function], list[Pattern]]:
-    """Values and first and second derivatives of rows, and the derivatives' sparsity.
+    """Functions ``{prefix}values``, ``{prefix}jacobian`` and ``{prefix}hessian`` of rows, and their sparsity.
 
-    The functions are called with z and the symbols that are ``constant`` below it, with those that are held
-    constant, if such are given, and the second derivatives with weights of the rows. With ``share``
-    derivatives share their common parts, else only those of the values.
+    Their inputs are (z; constant) as one vector, then ``held`` if there is any, and for the second
+    derivatives the weights of the rows.
+
+    Args:
+        z: Variables of the derivatives (nz, 1).
+        rows: Values F (n, 1).
+        prefix: First part of the functions' names.
+        held: Symbols held constant in the derivatives: results of inner iterations.
+        constant: Symbols stacked below z, which the derivatives also hold constant.
+        share: Whether common subexpressions of the derivatives are eliminated; those of the values are
+            always.
+
+    Returns:
+        Functions by name, and the sparsity of the Jacobian and of the upper triangle of the Hessian of
+        weights . F.
     """
     weights, inputs, rows = ca.SX.sym("weights", rows.numel()), _inputs(z, held, constant), ca.cse(rows)
     jacobian = ca.jacobian(rows, z)

@@ -91,8 +91,8 @@ class LinearConstraints:
     """Constraints that are linear in all unknowns of a chain.
 
     Attributes:
-        matrix: Their jacobian (rows, size).
-        least, greatest: Lower and upper limits of their values (rows,) each.
+        matrix: Jacobian (rows, size).
+        least, greatest: Lower and upper limits (rows,) of the values.
     """
 
     matrix: sparse.csr_matrix

@@ -1,4 +1,4 @@
-"""A plan replayed by the rollouts' own methods: its torques alone, and with feedback."""
+"""Replay of a plan's torques by the integrators of rollouts, without and with feedback."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ ERROR = 1e-9
 def _loop(stage: Stage, lobatto: Lobatto) -> DerivedLoop:
     """A scene whose drive is a polynomial of time, with joint PD to the plan, over one interval.
 
-    Parameters are the state at the beginning, and for one interval of the plan: its length, gains of joints
-    and their positions at its beginning, and at each of its points the drive, joint rates and accelerations.
-    Time is counted in parts of the interval, so that one loop serves intervals of all lengths.
+    Its parameters are the initial state, the length of the interval, the gains of the joints, their planned
+    positions at its start, and the drive, joint rates and accelerations at each of its points. Time is a
+    fraction of the interval, so that one loop serves intervals of all lengths.
     """
     model, driven = stage.scene.model, stage.driven
     nx, nu = model.nq + model.nv, len(driven.columns)
@@ -139,15 +139,15 @@ def replay_motion(
 
 
 def steps_of(motion: Motion, backend: str = "auto") -> Callable[[int, Array, Array], Array]:
-    """Function that integrates one interval of a plan by the rollouts' own method.
+    """Function that integrates one interval of a plan by an integrator of rollouts.
 
     Published URDFs have joints of 1 N m s/rad that move 4e-6 kg m^2, so that a rate decays at 250 000 1/s. An
     explicit method would need millions of steps for a motion of a minute. From :data:`STIFF` on, Radau's
     method of order 5 (Hairer and Wanner, Solving Ordinary Differential Equations II) integrates instead. It
     is stable for every step, so that its error estimate alone determines the steps.
 
-    The function takes the number of the interval, the state (nq + nv,) where that begins, and gains ``kp``
-    and ``kd`` of all joints (2 joints,), and returns the state at its end.
+    The function's arguments are the index of the interval, the state (nq + nv,) at its start, and the gains
+    ``kp`` and ``kd`` of all joints (2 joints,). It returns the state at the end.
 
     Args:
         motion: The plan.
@@ -256,9 +256,10 @@ def joint_angle(joint: Any, q: Array) -> float:
 def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
     """Distance [m] of each planned robot's tips from the plan at each knot (intervals + 1,).
 
-    A robot without tips or joints, and an object that is held, count by their root links, whose turning by a
-    radian counts as a metre: a tip at the centre of mass of a base alone does not show how that turns. So do
-    the joints of flexible links: one that swings against the driven joint before it hardly moves the tip.
+    The error of a robot without tips or joints, and of a held object, is that of its root link, with a
+    rotation of 1 rad counted as 1 m, because a tip at the centre of mass does not show the rotation. Joints
+    of flexible links have entries too, also with 1 rad as 1 m, because a link that swings against the driven
+    joint before it hardly moves the tip.
     """
     scene = motion.problem.stage.scene
     model, data = scene.model, scene.model.createData()

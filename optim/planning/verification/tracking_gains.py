@@ -14,7 +14,7 @@ BANDWIDTH = 5.0
 
 
 def tracking_gains(motion: Motion, robot: str) -> dict[str, float]:
-    """Gains ``kp`` and ``kd`` of a robot's joints, of the joint that moves least inertia at the start."""
+    """Gains ``kp`` and ``kd`` of a robot's joints, for the joint with the smallest inertia at the start."""
     scene = motion.problem.stage.scene
     # Accelerations per generalized force (nv x nv), with what rigid grasps hold moved along:
     # W - W A' (A W A')^-1 A W with W = M^-1 and A v the relative velocity that the grasps keep zero. An arm
@@ -44,7 +44,7 @@ def tracking_gains(motion: Motion, robot: str) -> dict[str, float]:
 
 
 def base_gains(scene: Scene, robot: str) -> dict[str, float]:
-    """Gains ``kd_linear`` and ``kd_angular`` of a robot's base, of the axes along which it moves least."""
+    """Gains ``kd_linear`` and ``kd_angular`` of a robot's base, for the axes with the smallest inertia."""
     inverse = pin.computeMinverse(scene.model, scene.model.createData(), np.array(scene.q))
     root = scene.body(robot).root_joint
     first, size = int(scene.model.idx_vs[root]), int(scene.model.nvs[root])

@@ -61,8 +61,8 @@ class VerificationResult:
     Attributes:
         residual: Residual of the first-order conditions, relative to the cost.
         violations: Violation of each limit between the points, the largest first.
-        replay_errors_m, followed_errors_m: Greatest distance of each tip from the plan when its torques are
-            replayed [m]: alone, and with the feedback by which joints follow it.
+        replay_errors_m: Maximum distance of each tip from the plan in a replay of its torques [m].
+        followed_errors_m: The same in a replay with feedback of the joints [m].
         tolerance_m: Allowed replay error [m].
         open_loop: Whether the tolerance holds for the replay without feedback too.
         saddle: Whether second-order conditions fail: the cost falls along a direction that the constraints
@@ -84,17 +84,17 @@ class VerificationResult:
 
     @property
     def replay_error_m(self) -> float:
-        """The greatest replay error [m]."""
+        """Maximum replay error over the tips [m]."""
         return max(self.replay_errors_m.values(), default=0.0)
 
     @property
     def followed_error_m(self) -> float:
-        """The greatest error with feedback [m]."""
+        """Maximum error over the tips with feedback [m]."""
         return max(self.followed_errors_m.values(), default=0.0)
 
     @property
     def error_m(self) -> float:
-        """The greatest error for which the tolerance holds [m]."""
+        """Error that the tolerance limits [m]: with feedback, and for ``open_loop`` without it too."""
         return max(self.replay_error_m, self.followed_error_m) if self.open_loop else self.followed_error_m
 
     @property
@@ -170,10 +170,10 @@ def verify(
 
 
 def first_order_residual(program: NonlinearProgram, solution: Solution, scale: float) -> float:
-    """Maximum residual of the first-order conditions, with the solver's multipliers and nothing else of it.
+    """Maximum residual of the first-order conditions, recomputed from the solver's point and multipliers.
 
-    That of the Lagrangian's slope, and the products of multipliers with the room that their limits leave, are
-    relative to a cost; to these comes the constraints' violation.
+    The parts are the gradient of the Lagrangian and the complementarity products of multipliers and slacks,
+    both divided by ``scale``, and the violation of constraints and bounds.
     """
     w, (low, high) = solution.w, program.bounds()
     jacobian = program.jacobian_pattern.copy()
@@ -253,18 +253,21 @@ def between_points(motion: Motion) -> Iterator[LimitExcess]:
 def _bounded_between(
     motion: Motion, row: BoundedRow, fastest: ca.SX, shares: Array, values: Array
 ) -> tuple[Array, Array]:
-    """Instants, added where a lower limit may be passed between two, and a row's values there.
+    """Instants and values of a row, with instants added until it cannot pass its lower limit unnoticed.
 
-    A value that is a and b at two instants a time h apart, and changes by at most s in a unit of time, is at
-    least (a + b - s h) / 2 between them. A step is halved while that is below the limit by more than
-    :data:`UNSEEN` and by more than half again of the excess that has been found. The rate between two
-    instants is taken to exceed the greater one at them by no more than they differ.
+    A value that is a and b at two instants a time h apart, with a rate of at most s, is at least
+    (a + b - s h) / 2 between them. A step is halved while this bound violates the limit by more than
+    :data:`UNSEEN` and by more than 1.5 times the violation found so far. The bound s between two instants is
+    taken as the larger of its values there plus their difference.
 
     Args:
-        motion, row: The motion, and a row of it.
+        motion, row: The motion, and one of its rows.
         fastest: Upper bound (1x1) of the row's rate [1/s].
-        shares: Parts of the duration at which the row has been evaluated (n,).
+        shares: Fractions of the duration at which the row has been evaluated (n,).
         values: Its values there (n,).
+
+    Returns:
+        tuple: Fractions of the duration, and values.
     """
     z = motion.problem.stage.z
     bound = ca.Function("bound", [z], [ca.densify(fastest)])

@@ -22,7 +22,8 @@ CORRELATION = 0.8  # of a state of the Markov chains with the next one
 class SubsetSimulation(ProbabilityEstimator):
     """Levels of failure by Markov chains (Au and Beck, Probabilistic Engineering Mechanics 16, 2001).
 
-    With the conditional sampling of Papaioannou and others (the same journal, 41, 2015); uses no gradients.
+    The chains use the conditional sampling of Papaioannou and others (Probabilistic Engineering Mechanics 41,
+    2015). No gradients are needed.
     """
 
     name: ClassVar[str] = "subset"

@@ -91,13 +91,16 @@ def within(name: str, unit: str, value: ca.SX, limit: float) -> BoundedRow:
 def matched(
     name: str, unit_name: str, value: ca.SX, axes: Sequence[int], tolerance: float | None
 ) -> Iterator[BoundedRow]:
-    """Zero along each of some axes, or no longer than a tolerance.
+    """Constraints that components of a vector are zero, or that their norm is within a tolerance.
 
     Args:
-        name, unit_name: Name and unit of the quantity.
-        value: Expression (3x1).
-        axes: Axes of the entries that count.
-        tolerance: Greatest length in that unit; None for zero.
+        name, unit_name: Name and unit of the vector.
+        value: The vector (3x1).
+        axes: Indices of the constrained components.
+        tolerance: Upper bound of the norm of these components, in that unit; None for equality with zero.
+
+    Yields:
+        BoundedRow: One equality per component, or one bound on the norm.
     """
     if tolerance is None:
         yield from (zero(f"{name} {'xyz'[i]}", unit_name, value[i]) for i in axes)

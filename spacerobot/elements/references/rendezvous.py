@@ -1,4 +1,4 @@
-"""Rendezvous of a tip with a mating frame of a moving target."""
+"""Reference for a tip: approach of a mating frame of a moving target, by way of a standoff."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ PEAK = 1.875
 
 @register
 class Rendezvous(Reference):
-    """Follow a mating frame of the moving target: to a standoff before it, then in along its axis."""
+    """Approach of a moving target's mating frame: to a standoff on the axis of approach, then along the axis.
+
+    The path is defined in the mating frame and moves with it.
+    """
 
     kind: Literal["rendezvous"] = "rendezvous"
     frame: str = Field(min_length=1, description="mating frame: a link of the target's URDF")

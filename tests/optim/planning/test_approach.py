@@ -176,7 +176,7 @@ def test_few_steps_find_the_direction_between_hulls_that_all_steps_find():
     one = Shape(type(pads["chaser"]), ca.SX.eye(3), ca.SX(3, 1), pads["chaser"].measures())
     other = Shape(type(pads["target"]), turn, place, pads["target"].measures())
     _, about = held_gap(one, other)
-    given = ca.Function("given", [turn, place], [about.given])
+    given = ca.Function("given", [turn, place], [about.arguments])
     rng, columns = np.random.default_rng(0), []
     for distance in np.linspace(1, 25, 12):  # the first ones overlap
         direction = rng.normal(size=3)
