@@ -1,4 +1,4 @@
-"""JSON files: values as JSON takes them, results that are one file, designs beside their scenario."""
+"""JSON files: conversion of values, results kept as one file, and designs next to their scenario."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spacerobot.scene import Scene
 
 
 def plain(value: Any) -> Any:
-    """Plain lists, mappings and numbers; what is no number is None."""
+    """Value of JSON: arrays and sequences as lists, NaN and infinity as None."""
     if isinstance(value, dict) or hasattr(value, "items"):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -140,8 +140,8 @@ def tune(
             result, for evolutionary methods only.
         method: ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, ``nlp_ga``
             (the NLP from the GA's best), or one of a plugin.
-        effort: Budget of the method; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, which replace
-            those of the tuning section. None takes those of the section.
+        effort: Budget of the method; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, which
+            replace those of the tuning section. None takes those of the section.
         folder: Folder of the journals, from which an interrupted call resumes with the same result.
         progress: Callback that receives the progress of each run.
 

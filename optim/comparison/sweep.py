@@ -123,8 +123,8 @@ def sweep(
 
     Args:
         problem: Problem of :func:`optim.build_problem`; or a scene, or the name or file of its scenario.
-        budget: Maximum number of rollouts of a run. Settings that do not vary are the population of the tuning
-            section and the paper's probabilities.
+        budget: Maximum number of rollouts of a run. Settings that do not vary are the population of the
+            tuning section and the paper's probabilities.
         runs: Number of runs of each setting.
         seed: Seed of the first run of each setting.
         folder: Folder of the journals, from which an interrupted sweep continues; none if None.

@@ -67,9 +67,9 @@ class PerturbedLoop:
     """Derivatives of a closed loop with break points, all at w = 0.
 
     Attributes:
-        state_names: As of the closed loop.
+        state_names: Names of the states x of the closed loop.
         coordinates: Names of the components of v, one for each tangent direction of q.
-        inputs, outputs: Names of the break points, and of the outputs: the break points' signals first.
+        inputs, outputs: Names of the break points, and of the outputs, with the break points' signals first.
         derivatives: (t, x, c) -> (A, B, C, D): Jacobians of x' and y by x and w.
         tangent: (x) -> (N, rate): ``q' = N(q) v`` (nq x nv), and the rate of N along that.
         constraints: (t, x, c) -> (G, slip_q): of the active rigid connections ``G v = 0``, G and the Jacobian

@@ -131,7 +131,7 @@ class ClosedLoop(Tabular):
         )
 
     def content(self) -> list[Table]:
-        """The same as a table."""
+        """Table of the numbers of states and parameters, and the names of the outputs."""
         rows = [("states", f"{self.nx}: {self.nq} of positions, {self.nv} of velocities, {self.nz} others")]
         rows += [("parameters", str(len(self.parameter_paths)))]
         rows += [("outputs", ", ".join(variable.name for variable in self.variables))]

@@ -104,7 +104,7 @@ def _commands(scene: Scene, body: SceneBody) -> Iterator[CommandInput]:
 
 
 class CommandedLoopBuilder(LoopBuilder):
-    """Builder of a closed loop in which commands take the place of the controllers of some robots."""
+    """Builder of a closed loop in which commands replace the controllers of some robots."""
 
     @functools.cached_property
     def commands(self) -> dict[str, CommandInput]:

@@ -1,8 +1,8 @@
 """Energy balance of the closed loop.
 
-    kinetic + springs + potential = what is put in - what is taken
+    kinetic + springs + potential - their initial values = works put in - works taken out
 
-The works are states of the closed loop, integrated with everything else; the residual of the balance is the
+The works are states of the closed loop, integrated with all others; the residual of the balance is the
 integration error. The work of constraints comes from the stabilisation of rigid grasps and is as small as
 their drift.
 """
@@ -40,7 +40,7 @@ class EnergyTerm:
 
     @property
     def output(self) -> Output:
-        """The work as it is observed [J]."""
+        """Output of the work [J]."""
         return Output(f"work_{self.name}", self.state.symbol, "J", self.text)
 
 

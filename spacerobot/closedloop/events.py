@@ -45,7 +45,7 @@ class LoopEvent:
 
 
 def booked(events: Sequence[Event]) -> tuple[PowerTerm, ...]:
-    """The work that events book, if any takes energy; between them it stays as it is."""
+    """Work of events as a power term, constant between events; empty if no event dissipates energy."""
     loses_energy = any(event.impact or event.loss is not None for event in events)
     return (PowerTerm(WORK, ca.SX(1, 1)),) if loses_energy else ()
 

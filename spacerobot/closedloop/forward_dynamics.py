@@ -18,9 +18,9 @@ numbers, those of the joints that both loads pass through.
 
 A constraint that is not active keeps its place: its loads are masked, and its rows state $w = 0$.
 
-Where actuators take over what $u$ acts on, $u$ is the controllers' command as if the actuators delivered
-every request. Their delivered forces then act, and the wrenches are solved for once more. Other actuators
-deliver first: those of a base, or of joints that belong to no arm.
+If actuators act between command and joints, $u$ is first solved as if they delivered every command. Then
+their delivered forces replace $u$, and the wrenches are solved for once more. Actuators that act on other
+coordinates, those of a base or of joints that belong to no arm, deliver before.
 """
 
 from __future__ import annotations

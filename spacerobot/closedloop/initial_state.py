@@ -85,9 +85,12 @@ def _align(
 def _set_base(
     model: Any, body: SceneBody, closing: ClosingBase | None, parameters: Parameters, q: ca.SX, v: ca.SX
 ) -> Mapping[int, base_alignment.Quaternion]:
-    """Set a floating base as stated, or to zero what a grasp determines; return its rotation by joint id.
+    """Set the stated pose and motion of a floating base in q and v, with zeros where a grasp determines them.
 
     A fixed base is part of the model.
+
+    Returns:
+        Rotation of the base by joint id; empty for a fixed base.
     """
     if not body.root_joint:
         return {}

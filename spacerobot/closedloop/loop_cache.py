@@ -101,7 +101,7 @@ class SceneContent:
         self.key = hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:
-        """Whether the closed loops are the same."""
+        """Whether both scenes have the same closed loop."""
         return isinstance(other, SceneContent) and other.key == self.key
 
     def __hash__(self) -> int:

@@ -26,8 +26,8 @@ def identifier(path: str, used: Collection[str] = ()) -> str:
     """C identifier of a path, in lower case.
 
     Args:
-        path: Any text. What is no letter of English and no digit becomes an underscore.
-        used: Names that are not free. A number is appended to one of them.
+        path: Any text. Characters other than ASCII letters and digits become underscores.
+        used: Names in use, from which a number as suffix distinguishes the result.
     """
     name = re.sub(r"[^0-9A-Za-z]+", "_", path).strip("_").lower()
     if not name or name[0].isdigit():

@@ -52,7 +52,7 @@ class ControllerLibrary:
 
     Args:
         path: The library.
-        software: Software of the scenario that it shall control.
+        software: Software exported from the scenario that it is to control.
 
     Raises:
         SpaceRobotError: If it cannot be loaded, or was exported from another scenario.

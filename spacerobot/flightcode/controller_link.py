@@ -38,7 +38,7 @@ class ByteStream(Protocol):
         """Send all bytes."""
 
     def receive(self, size: int) -> bytes:
-        """Receive at most so many bytes, at least one; none if the other side closed the stream."""
+        """Receive from one to ``size`` bytes; empty if the other side closed the stream."""
 
 
 class SocketStream:
@@ -62,7 +62,7 @@ class SerialStream:
 
     Args:
         device: Path of the device.
-        baud: Rate of the line [1/s]; as it is if None.
+        baud: Baud rate of the line [1/s]; unchanged if None.
     """
 
     def __init__(self, device: Path, baud: int | None = None) -> None:
@@ -103,7 +103,7 @@ def open_stream(address: str) -> ByteStream:
     """Open the stream of an address, ``tcp:HOST:PORT``, ``serial:DEVICE`` or ``serial:DEVICE@BAUD``.
 
     Raises:
-        SpaceRobotError: If the address is no such one, or nothing answers there.
+        SpaceRobotError: If the address is not valid, or the connection fails.
     """
     kind, _, place = address.partition(":")
     try:
@@ -123,7 +123,7 @@ class ControllerLink:
 
     Args:
         stream: The stream.
-        software: Software of the scenario that it shall control.
+        software: Software exported from the scenario that it is to control.
         address: Address of the processor for messages.
 
     Raises:
@@ -200,7 +200,7 @@ class ControllerLink:
         return payload
 
     def _receive(self, size: int) -> bytes:
-        """Receive so many bytes."""
+        """Receive exactly ``size`` bytes."""
         received = b""
         while len(received) < size:
             part = self._stream.receive(size - len(received))

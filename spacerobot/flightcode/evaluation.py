@@ -4,10 +4,10 @@ Two libraries whose functions err by at most one unit in the last place differ b
 $2 \varepsilon |y_k|$ in the call $y_k$. To first order a result $r$ of a function then differs by at most
 $2 \varepsilon \sum_k |y_k\, \partial r / \partial y_k|$.
 
-Operations behind the calls round their changed arguments in another way. This is seen in evaluations whose
-calls are changed by one unit, up or down at random. The bound of a row is ``MARGIN`` times the larger of
-both and one, in roundings of the largest result of the row. It is zero where no result depends on a call:
-such rows must agree to the bit.
+Operations after the calls also round differently if their arguments change. Evaluations in which each call is
+changed by one unit, up or down at random, measure this effect. The bound of a row is ``MARGIN`` times the
+largest of both and one, in units of the rounding error of the row's largest result. It is zero if no result
+depends on a call: such rows must agree to the bit.
 """
 
 from __future__ import annotations

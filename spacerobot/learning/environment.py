@@ -70,7 +70,7 @@ class SceneEnvironment(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode in an initial state that is drawn.
+        """Begin an episode in a random initial state.
 
         Args:
             seed: Seed of this episode and those that follow; the generator continues if None.

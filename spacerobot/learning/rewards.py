@@ -63,7 +63,7 @@ class Reward:
         return np.asarray(rate * self.period)
 
     def of_quantities(self, before: Outputs, after: Outputs) -> Array:
-        """Rewards (N,) for the change of what was measured of the quantities (N, n)."""
+        """Rewards (N,) for the changes of the weighted quantities over a step."""
         parts = [
             weight * (each.weighed(after[each.name]) - each.weighed(before[each.name])).sum(axis=1)
             for each, weight in self.quantities

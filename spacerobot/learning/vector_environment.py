@@ -69,7 +69,7 @@ class SceneVectorEnvironment(gymnasium.vector.VectorEnv):
         self._generators = [np_random()[0] for _ in range(num_envs)]
 
     def _roll(self, rows: Array, duration_s: float) -> Segment:
-        """Roll out rows together; measures alone, no samples."""
+        """Roll out rows of parameters together for a duration, without samples over time."""
         rollout = self.task.rollout
         grid = time_grid(duration_s, rollout.grid.step_s * (1 + ROUNDING), duration_s)
         with np.errstate(over="ignore", invalid="ignore"):

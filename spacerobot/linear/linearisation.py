@@ -330,7 +330,7 @@ class Lineariser:
         """Linearisation of a scene, with outputs of the simulation after the break points' signals.
 
         Args:
-            scene, outputs: As of :func:`linearise`.
+            scene, outputs: See :func:`linearise`.
             vary: Parameters that remain symbols although they are exactly zero.
             at: Instants at which the loop will be evaluated; wrong ones are reported before the break points
                 are built and anything is compiled.

@@ -235,14 +235,14 @@ def margins(
 
     Args:
         scene: The scene, or the name or file of its scenario.
-        at: Times [s], and kinds or names of events, as of :func:`spacerobot.linearise`.
+        at: Times [s], and kinds or names of events, as in :func:`spacerobot.linearise`.
         along: If positive, ``at`` is replaced by this number of equidistant times from the start to the end,
             at least two.
-        backend, progress: As of :func:`spacerobot.simulate`.
+        backend, progress: See :func:`spacerobot.simulate`.
 
     Raises:
         DivergedError: If the simulation does not reach an instant.
-        ScenarioError: As :func:`spacerobot.linearise`.
+        ScenarioError: See :func:`spacerobot.linearise`.
         SpaceRobotError: If ``along`` is one, or larger than :data:`MAX_INSTANTS`.
     """
     if along != 0 and not 2 <= along <= MAX_INSTANTS:

@@ -33,7 +33,7 @@ class StopFlag:
 
     @property
     def is_set(self) -> bool:
-        """Whether the threads have been told to stop."""
+        """Whether the threads are to stop."""
         return self._value.value != 0
 
     @property

@@ -1,4 +1,4 @@
-"""Measures of a rollout: integrals, peaks and final values of expressions, and costs made of them.
+"""Measures of a rollout: integrals, peaks and final values of expressions, and costs as functions of them.
 
 Expressions are written once, with CasADi, over the named outputs::
 
@@ -78,7 +78,7 @@ class Measure:
 
 
 def integral(expression: ca.SX) -> Measure:
-    """Integral over the duration, by the same fourth-order method as the state."""
+    """Integral over the duration, by the numerical method of the state."""
     return Measure("integral", ca.vec(ca.densify(ca.SX(expression))))
 
 
@@ -97,13 +97,13 @@ def final(expression: ca.SX) -> Measure:
 
 @dataclass(frozen=True)
 class Measures(Tabular):
-    """Named measures of a rollout, and the costs made of them.
+    """Named measures of a rollout, and costs that are functions of them.
 
     Attributes:
         signals: The symbols that the measures are written with.
         named: The measures.
-        costs: Function of (measures by name, parameters by path), all symbols, that gives scalars by name.
-            Every scalar measure is its own cost if None.
+        costs: Function from symbols of the measures, by name, and of the parameters, by path, to scalars by
+            name. If None, each scalar measure is a cost.
     """
 
     signals: Signals

@@ -25,7 +25,7 @@ class NoiseInput:
         return cls(tuple(rules), places)
 
     def drawn(self, p: Array) -> Array:
-        """The numbers (N, n) for rows of parameters (N, np); the same for the same seed and draw."""
+        """Random numbers (N, n) for rows of parameters (N, np); equal seeds and draws give equal numbers."""
         rows: dict[tuple[float, ...], Array] = {}
         for row in p if self.rules else ():
             key = tuple(row[list(sum(self.places, ()))])

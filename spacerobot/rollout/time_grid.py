@@ -40,12 +40,12 @@ class TimeGrid:
 
     @property
     def step_s(self) -> float:
-        """Length of a step; none is longer."""
+        """Longest step [s]."""
         return self.duration_s / self.steps
 
     @property
     def halved(self) -> TimeGrid:
-        """The same samples, with steps of half the length."""
+        """Time grid with the same samples and steps of half the length."""
         return replace(self, every=2 * self.every, finer=self.finer / 2)
 
     @property

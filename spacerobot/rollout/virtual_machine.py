@@ -134,7 +134,7 @@ def _has_fma() -> bool:
 
 
 class Program:
-    """A function as the virtual machine evaluates it.
+    """A function in the form of a program for the virtual machine.
 
     Args:
         name, function: Name for messages, and SX function with dense arguments.

@@ -23,7 +23,7 @@ def torque_limit(body: SceneBody, joint: str) -> float | None:
 
 
 def wrench_limits(scene: Scene, body: SceneBody) -> dict[Part, Array]:
-    """Greatest force [N] and torque [N m] of the actuators of a base, along each axis (3,)."""
+    """Maximum force [N] and torque [N m] of the actuators of a base along each axis of its root link (3,)."""
     limits: dict[Part, Array] = {}
     actuators = body.config.actuators.values() if isinstance(body.config, Robot) else ()
     for actuator in actuators:

@@ -30,7 +30,7 @@ class ClosingBase:
 
     @property
     def own(self) -> int:
-        """Frame of the body that shall meet :attr:`other`."""
+        """Frame of the body that is to coincide with :attr:`other`."""
         return self.grasp.frame if self.body.name == "target" else self.grasp.tip.frame
 
     @property

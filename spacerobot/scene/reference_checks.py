@@ -51,7 +51,7 @@ def check_followed(scene: Scene) -> None:
 
 
 def reference_warnings(scene: Scene) -> list[str]:
-    """Warnings of the references themselves, and about those that lead out of reach."""
+    """Warnings of the references, and of those that leave the reach of their robot."""
     references = [reference for tip in scene.tips for reference in tip.references]
     warnings = [
         f"{reference.path}: {warning}" for reference in references for warning in reference.config.warnings()
@@ -107,7 +107,7 @@ def lengths_to_root(
 
 
 def reach(scene: Scene, body: SceneBody, frame: int) -> float:
-    """Greatest distance [m] of a frame from its body's root link: the lengths along the chain, end to end."""
+    """Maximum distance [m] of a frame from its body's root link: the sum of the lengths along the chain."""
     end, root = scene.model.frames[frame], scene.model.frames[body.root_frame]
     lengths = lengths_to_root(scene, body, int(end.parentJoint), np.array(end.placement.translation))
     length, point = lengths[int(root.parentJoint)]
@@ -116,7 +116,7 @@ def reach(scene: Scene, body: SceneBody, frame: int) -> float:
 
 
 def joint_from_base(scene: Scene, body: SceneBody, joint: int) -> float:
-    """Greatest distance [m] of a joint's origin from that of its floating base, or of the world."""
+    """Maximum distance [m] of a joint's origin from that of its floating base, or of the world."""
     length, point = list(lengths_to_root(scene, body, joint, np.zeros(3)).values())[-1]
     return length + float(np.linalg.norm(point))
 

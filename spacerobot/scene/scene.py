@@ -104,7 +104,7 @@ class SceneBody:
 
     @property
     def spring_constants(self) -> dict[str, tuple[float, float]]:
-        """The same as :meth:`springs`, in numbers."""
+        """Nominal stiffness and damping of :meth:`springs`, as numbers."""
 
         def number(name: str, key: str) -> float:
             first, _, place = key.partition(".")
@@ -162,8 +162,8 @@ class SceneReference:
 class SceneTip:
     """A frame of a robot that can hold something.
 
-    ``references`` are those that lead it, the first one from the start. Of that one, ``reference`` is the
-    section, and ``from_target`` says that it is derived from the target's.
+    ``references`` are its references in the order in which they become active. ``reference`` is the section
+    of the first one, and ``from_target`` whether that one is derived from the target's reference.
     """
 
     label: str
@@ -278,7 +278,7 @@ class Scene(Tabular):
         )
 
     def content(self) -> list[Table]:
-        """The same as a table, with the joints of each body."""
+        """Table of the bodies with their bases and joints, of the tips, grasps and warnings."""
         rows = [(b.name, f"{b.config.base.joint} base, {len(b.joints)} joints") for b in self.bodies]
         rows += [("tips", ", ".join(tip.label for tip in self.tips))]
         rows += [("grasps", ", ".join(f"{g.name} ({g.tip.label})" for g in self.grasps))]

@@ -52,9 +52,9 @@ class ThrusterLayout:
     """Wrenches and propellant consumption of thrusters at full thrust.
 
     Attributes:
-        matrix: A (m x n): wrench of each, all rows of about the same size.
-        gains: B (m x n): the same by propellant, which is 1 on average.
-        squares: ``A_i B_i^T / d`` of each (m x m).
+        matrix: A (m x n): wrench of each thruster, with rows scaled to similar magnitude.
+        gains: B (m x n): A_i / c_i, with the propellant consumption c scaled to a mean of 1.
+        squares: ``A_i B_i^T / d`` of each thruster (m x m).
     """
 
     matrix: ca.SX
@@ -186,7 +186,7 @@ def _step(layout: ThrusterLayout, path: _Path) -> _Path:
 
 
 def _system(layout: ThrusterLayout, levels: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:
-    """Factors of the system of those that are throttled (m x m)."""
+    """LDL' factors of the system matrix (m x m) of the throttled thrusters."""
     system = NEAREST * ca.SX.eye(layout.matrix.size1())
     for level, square in zip(ca.vertsplit(levels), layout.squares, strict=True):
         system += (level == THROTTLED) * square
@@ -199,7 +199,7 @@ def _cut(values: ca.SX) -> ca.SX:
 
 
 def largest_box(full: Array, rows: Sequence[int]) -> Array:
-    """Half the sides of a box of wrenches, any of which the thrusters can deliver.
+    """Half side lengths of the box of wrenches that is inscribed in those which thrusters can deliver.
 
     Args:
         full: Wrench of each thruster at full thrust (6, n) [N, N m].

@@ -141,11 +141,11 @@ def sampled_residual(
 def sample_noise(
     context: SectionContext, name: str, period_s: float, clock: Clock, deviations: list[ca.SX]
 ) -> tuple[ca.SX, ca.SX]:
-    """Errors of one sample (n x 1), and the normal numbers that they are made of.
+    """Errors of one sample (n x 1), and the standard normal numbers from which they follow.
 
     Args:
         context, name: Context and name of the observer.
-        period_s: Between two samples, by the scenario's numbers.
+        period_s: Time between two samples, by the scenario's numbers.
         clock: Clock of the samples.
         deviations: Standard deviations (n of 1x1); structural zeros have no number.
     """

@@ -147,8 +147,14 @@ def watch(
 ) -> ContactEvents:
     """Events at which a pair of shapes makes or loses contact, or at which its force would become tensile.
 
-    The force would be tensile where ``pull`` (1x1 each) is above zero; empty if it never is. If the force is
-    ``rough``, a fractional power of the indentation, steps are graded towards both ends of the contact.
+    Args:
+        contact: Contact of the pairs.
+        touching: Pairs of shapes.
+        config: Section of the contact.
+        pull: Expression (1x1) for each pair that is positive where the force would be tensile; empty if it
+            never is.
+        rough: Whether the force is a fractional power of the indentation, so that steps become shorter
+            towards the start and the end of the contact.
     """
     events: list[Event] = []
     fine = []

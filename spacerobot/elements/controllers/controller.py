@@ -51,7 +51,7 @@ class TipController(Element):
         return False
 
     def controls(self, key: str) -> Literal["translation", "rotation"] | None:
-        """Tip motion that it takes away from the null space of the robot's joints, if any."""
+        """Motion of the tip that it removes from the null space of the robot's joints, if any."""
         del key
         return None
 

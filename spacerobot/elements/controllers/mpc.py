@@ -167,7 +167,7 @@ class Mpc(JointPlanController):
         return self.begin
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:
-        """Errors: joints that only the plan or only the robot has, if there is a plan."""
+        """Errors: joints of the plan that the robot lacks, or the reverse; none without a plan."""
         return () if self.knots is None else super().faults(robot)
 
     def cautions(self, robot: RobotProperties) -> Iterable[str]:

@@ -38,14 +38,14 @@ CHAIN += f"{', '.join(ACTIVATION_NODES)} and x Sigmoid(x)"
 
 
 def check_chain(shapes: Sequence[tuple[int, int]], names: Iterable[str]) -> None:
-    """Refuse layers of which one does not take what the one before gives.
+    """Check that each layer has as many inputs as the preceding layer has outputs.
 
     Args:
         shapes: Number of outputs and of inputs of each layer.
         names: Name of each layer in messages.
 
     Raises:
-        ValueError: Names the layer; also if there are too many weights.
+        ValueError: If a layer does not fit, which the message names, or there are too many weights.
     """
     labels = [name for _, name in zip(shapes, names, strict=False)]
     for (before, after), (first, second) in zip(

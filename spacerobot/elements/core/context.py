@@ -114,7 +114,7 @@ class RobotContext:
     locked: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
     def read(self, signal: str, value: ca.SX) -> ca.SX:
-        """Signal as its sensor gives it.
+        """Reading of a signal's sensor.
 
         Args:
             signal: Name of the signal.
@@ -199,13 +199,12 @@ class TipContext:
     def read(
         self, signal: str, value: ca.SX, world: ca.SX | None = None, point: ca.SX | None = None
     ) -> ca.SX:
-        """Signal as its sensor gives it.
+        """Reading of a signal's sensor.
 
         Args:
             signal: Name of the signal.
             value: True value (n x 1).
-            world: What is known with it in world axes (n x 1), which is then given with the error of the
-                sensor.
+            world: True value of a signal in world axes (n x 1) that is returned instead, with the same error.
             point: Point on the target for ``target_velocity`` (3x1) [m]; the root link's origin if not given.
 
         Returns:
@@ -565,7 +564,7 @@ def known(
     world: ca.SX | None = None,
     point: ca.SX | None = None,
 ) -> ca.SX:
-    """A signal (n x 1) as its sensor gives it, as of :meth:`TipContext.read`."""
+    """Reading (n x 1) of a signal's sensor; see :meth:`TipContext.read`."""
     last = context.held(signal, value, world, point)
     if last is not None:
         return last

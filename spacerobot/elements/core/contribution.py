@@ -57,7 +57,7 @@ class CommandedTorque:
     Attributes:
         robot: Name of the robot.
         value: Generalized forces (nv x 1).
-        null_space: Whether only the part that does not accelerate the robot's controlled tips shall act.
+        null_space: Whether they are projected, so that they do not accelerate the robot's controlled tips.
     """
 
     robot: str

@@ -101,7 +101,7 @@ def kind_of(element: type[Element]) -> str:
 
 
 def kinds(family: str) -> Mapping[str, type[Element]]:
-    """Kinds of a family by name: those that ship in the order of their names, then the others."""
+    """Kinds of a family by name: shipped kinds in alphabetical order, then registered ones."""
     _load_shipped(family)
     if GROUP not in _LOADED:
         _LOADED.add(GROUP)
@@ -115,7 +115,7 @@ def kinds(family: str) -> Mapping[str, type[Element]]:
 
 
 def find_kind(family: str, name: str) -> type[Element] | None:
-    """Kind of a name, None if there is none; a kind that ships is loaded alone if its file has that name."""
+    """Kind with a given name, None if there is none; of shipped kinds only that file is loaded."""
     if name not in _KINDS[family] and name in _shipped_modules(_HOMES[family]):
         importlib.import_module(f"{_HOMES[family]}.{name}")
     _add_kinds_of_quantities(family)
@@ -179,12 +179,12 @@ def load_plugin(path: StrPath) -> None:
 
 
 def plugins() -> tuple[Path, ...]:
-    """Files that :func:`load_plugin` ran, in their order; other processes need them for the same scenario."""
+    """Files loaded by :func:`load_plugin`, in order; other processes need them for the same scenario."""
     return tuple(_PLUGINS)
 
 
 def plugin_options() -> list[str]:
-    """Words of a command line that load the same plugins."""
+    """Command-line options that load the present plugins."""
     return [word for path in _PLUGINS for word in ("--plugin", str(path))]
 
 
@@ -236,7 +236,7 @@ class Family:
         del source, handler
 
         def validate(value: Any, info: ValidationInfo) -> Any:
-            """Element of a section, of the kind that it names, has by default or tells by a key."""
+            """Element of a section, of the kind given by ``kind``, by default or by a key."""
             if not isinstance(value, dict | Element):
                 raise PydanticCustomError("dict_type", "a section is required")
             if isinstance(value, dict) and self.only is None:
@@ -258,7 +258,7 @@ class Family:
         return core_schema.with_info_plain_validator_function(validate)
 
     def _with_kind(self, section: dict[Any, Any]) -> dict[Any, Any]:
-        """The section with its kind: the default one, or the kind that one of its keys tells."""
+        """Section with its kind: the default kind, or the kind that has one of its keys."""
         if self.default is not None:
             section = {"kind": self.default} | section
         if "kind" in section:

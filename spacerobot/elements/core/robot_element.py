@@ -32,8 +32,8 @@ class RobotProperties:
         spinning: Axis (3,), root link's axes, by name of each continuous joint on that link that carries no
             other joint; includes joints that actuators own.
         owned: Names of the joints that actuators own, such as wheels.
-        sensors: Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal; empty if the
-            scenario gives none, else with the ideal ones.
+        sensors: Sections of its sensors (:class:`spacerobot.elements.Sensor`) by signal, ideal ones included;
+            empty if the scenario has no sensors for the robot.
         tips: Names of its tips.
         target_links: Names of the target's links.
     """
@@ -74,7 +74,7 @@ class RobotElement(Element):
 
     @property
     def own_wrench(self) -> frozenset[Part]:
-        """Parts of the base wrench that it commands or takes over, by its section."""
+        """Parts of the base wrench that it commands or delivers."""
         return self.base_wrench
 
     def faults(self, robot: RobotProperties) -> Iterable[tuple[str, str]]:

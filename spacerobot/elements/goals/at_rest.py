@@ -46,7 +46,7 @@ class Still(Goal):
         return self.still if self.rests and not within else None
 
     def resting(self, instant: PlanInstant) -> Iterator[Goal]:
-        """The same goal for that body, and for those that closed grasps join it with."""
+        """Goals of rest for the body and for those joined to it by closed grasps, if rest is required."""
         for body in instant.joined(self.still, "still") if self.rests else ():
             yield self.model_copy(update={"still": body})
 

@@ -94,14 +94,14 @@ class Goal(Element):
         return None
 
     def settling(self, instant: PlanInstant) -> ca.SX | None:
-        """Motion that the joints produce at the end with minimum rates, and without acceleration.
+        """Motion of a tip at the end, which the joints produce with minimum rates and without acceleration.
 
         Args:
             instant: The last instant.
 
         Returns:
-            casadi.SX or None: Velocities [m/s] and spins [rad/s] of a tip (n x 1); None where joints may move
-                as they like.
+            casadi.SX or None: Velocities [m/s] and spins [rad/s] of the tip (n x 1); None if joint rates at
+                the end are free.
         """
         del instant
         return None

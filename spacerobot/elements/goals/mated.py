@@ -159,7 +159,7 @@ class Mated(TipGoal):
         return mate.origin - self.standoff * ca.mtimes(mate.rotation, unit(self.axis))
 
     def kept(self, own: Reference | None) -> dict[str, Any]:
-        """Reference that stays at the mating frame, or the tip's own reference if it leads there too."""
+        """Section of a reference that stays at the mating frame: the tip's own one if it ends there too."""
         document = None
         if own is not None and own.follows == self.frame:
             document = own.from_standoff(self.standoff)

@@ -77,12 +77,12 @@ def zero(name: str, unit: str, value: ca.SX) -> BoundedRow:
 
 
 def within(name: str, unit: str, value: ca.SX, limit: float) -> BoundedRow:
-    """Bound on a vector's length, as its square over that of the limit, which is smooth at zero.
+    """Bound on a vector's norm: its square divided by that of the limit, which is smooth at zero.
 
     Args:
         name, unit: Name for messages, and unit of the vector.
         value: The vector (n x 1).
-        limit: Greatest length, in that unit.
+        limit: Maximum norm, in that unit.
     """
     square = ca.sumsqr(value) / limit**2
     return BoundedRow(name, unit, square, upper=1.0, scale=limit / 2, form="square")
@@ -213,7 +213,7 @@ class PlanInstant(Protocol):
         """
 
     def joined(self, body: str, key: str) -> Sequence[str]:
-        """Names of a body and of those that closed grasps join it with, that body first.
+        """Names of a body and of the bodies joined to it by closed grasps, that body first.
 
         Args:
             body: Name of the body.

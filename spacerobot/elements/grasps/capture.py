@@ -54,7 +54,7 @@ class Capture(Section):
         return tuple(name for name in ENVELOPE if getattr(self, name) is not None)
 
     def words(self) -> str:
-        """Conditions of the capture, in a few words."""
+        """Conditions of the capture as text."""
         if self.at is not None:
             return f"closes at {self.at:g} s"
         units = {"distance": "m", "misalignment_deg": "deg", "spin_deg": "deg/s"}
@@ -95,7 +95,7 @@ class Release(Section):
         return self
 
     def words(self) -> str:
-        """Conditions of release, in a few words."""
+        """Conditions of the release as text."""
         conditions = [] if self.at is None else [f"at {self.at:g} s"]
         conditions += [] if self.force is None else [f"above {self.force:g} N"]
         conditions += [] if self.torque is None else [f"above {self.torque:g} N m"]

@@ -54,8 +54,8 @@ class Grasp(Element):
     """A connection of a tip and a mating frame.
 
     Attributes:
-        fixes_position, fixes_orientation: What a rigid connection takes away: the two or three translations,
-            and the one or three rotations.
+        fixes_position, fixes_orientation: Whether it rigidly prevents the two or three relative translations,
+            and the one or three relative rotations.
         has_springs: Whether its wrench depends on the tip's displacement and motion alone:
             :meth:`spring_wrench`.
     """

@@ -49,7 +49,7 @@ class QuantityLimit(PlanLimit):
         return {part: self.limit} if part else {}
 
     def rows(self, instant: PlanInstant) -> Iterator[BoundedRow]:
-        """Bounds on the lengths of the quantity's columns, or on the entries of what is no root."""
+        """Bounds on the norms of the quantity's vectors, or on its entries if it is not a norm."""
         limit, root, unit = self.limit, self.limited.is_root, self.limited.unit
         if self.limited.expression in JOINT_SIGNALS.keys() | WRENCH_SIGNALS.keys():
             return

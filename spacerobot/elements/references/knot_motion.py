@@ -168,10 +168,10 @@ def ends_of(times: Sequence[float] | Array, points: int) -> list[int]:
 
 
 def nodes_of(times: Array, points: int) -> Array:
-    """Parts of each interval at which its points lie (s,), the same in all.
+    """Relative positions of the points of an interval (s,), 0 to 1, which all intervals share.
 
     Raises:
-        ValueError: If they are not, or the last interval has too few.
+        ValueError: If the intervals differ in them, or the last interval has too few points.
     """
     if not is_parted(times, points) and (len(times) - 1) % (points - 1):
         raise ValueError(f"times: found {len(times)}, which intervals of {points} points do not make")

@@ -21,10 +21,15 @@ TIPS = ("tip_position", "tip_velocity", "tip_rotation", "tip_spin")
 
 
 def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
-    """Joint motion, plain, of the robot that a dotted path belongs to; that of one phase if it is named.
+    """Joint motion in a plan, as plain data, of the robot with a section at a dotted path.
+
+    Args:
+        file: Dataset of the plan.
+        where: Dotted path of the section.
+        phase: Phase of the plan; None for the whole plan.
 
     Raises:
-        ScenarioError: If the file is no plan or has no joints of that robot, or not that phase.
+        ScenarioError: If the file is no plan, or has no such phase or no joints of that robot.
     """
     plan, robot = parted(_during(open_plan(file, JOINTS), phase)), _keys(where)[1]
     owners = {str(label).partition("/")[0] for label in plan.joint.values}
@@ -41,10 +46,15 @@ def read_joints(file: Path, where: str, phase: str | None = None) -> Mapping[str
 
 
 def read_base(file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:
-    """Base drive of the robot that a dotted path belongs to, as plain data; of one phase if it is named.
+    """Wrench on a base in a plan, as plain data, of the robot with a section at a dotted path.
+
+    Args:
+        file: Dataset of the plan.
+        where: Dotted path of the section.
+        phase: Phase of the plan; None for the whole plan.
 
     Raises:
-        ScenarioError: If the file is no plan or drives no base of that robot, or has not that phase.
+        ScenarioError: If the file is no plan, has no such phase, or does not drive the base of that robot.
     """
     plan, robot = parted(_during(open_plan(file, BASES), phase)), _keys(where)[1]
     labels = [str(label) for label in plan.drive.values if str(label).startswith(f"{robot}/")]
@@ -65,7 +75,7 @@ def _timed(plan: xr.Dataset) -> dict[str, Any]:
 
 
 def read_tip(file: Path, where: str) -> Mapping[str, Any]:
-    """Motion, plain, of the tip that a dotted path belongs to; that of a phase where the path is in one.
+    """Motion of a tip in a plan, as plain data; only that of the phase if the path is in one.
 
     Raises:
         ScenarioError: If the file is no plan, or does not have that tip.

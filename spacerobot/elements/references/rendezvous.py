@@ -71,7 +71,7 @@ class Rendezvous(Reference):
         return self.frame
 
     def from_standoff(self, standoff: float) -> dict[str, Any]:
-        """Section without the wait; it holds the standoff if its own end is farther away than that."""
+        """Section without the wait, for a tip at a standoff; it stays there if its end is farther away."""
         document = self.model_dump(mode="json") | {"wait": 0.0}
         stays = self.end_distance >= standoff
         return document | ({"closing_speed": None, "end_distance": standoff} if stays else {})
@@ -159,7 +159,7 @@ class Rendezvous(Reference):
         return np.zeros((1, 3)), np.zeros((1, 3))
 
     def leaves_plane(self) -> Iterator[tuple[str, list[float]]]:
-        """An axis, or an orientation, that leads out of the plane."""
+        """Keys and values of an axis or orientation that leaves the plane."""
         if self.axis[2]:
             yield "axis", list(self.axis)
         if any(self.mated_deg[:2]):

@@ -79,8 +79,8 @@ class Sensor(Element):
         Args:
             context: Context of the sensor's section.
             value: Vector (3x1), or attitude (3x3).
-            axes: Axes of the link that carries the sensor, in those of the signal (3x3); None if they are the
-                value.
+            axes: Axes of the link that carries the sensor, in those of the signal (3x3); None for an
+                attitude.
         """
         turn = None if self.errors is None else misalignment(context.at(f"{context.path}.errors"))
         if turn is None:

@@ -18,7 +18,7 @@ from spacerobot.shapes.points import to_box
 
 @register
 class Box(CollisionShape):
-    """Box about its origin, with edges along its own axes."""
+    """Box centred at its origin, with edges along its axes."""
 
     urdf_geometry: ClassVar[str | None] = "box"
     wrap_order: ClassVar[int | None] = 2

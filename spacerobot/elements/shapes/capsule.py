@@ -18,7 +18,7 @@ from spacerobot.shapes.points import to_segment
 
 @register
 class Capsule(CollisionShape):
-    """Capsule along its own z axis, about its origin: a cylinder with half balls on its ends."""
+    """Capsule centred at its origin along its z axis: a cylinder with hemispherical ends."""
 
     wrap_order: ClassVar[int | None] = 1
 

@@ -87,7 +87,7 @@ class CollisionShape(Element):
 
         Returns:
             tuple or None: Distance (1x1) [m], unit direction to the point (3x1), nearest point of the core
-                (3x1) [m]; None where support functions shall give the distance.
+                (3x1) [m]; None if support functions are to give the distance.
         """
         del point, shape
         return None

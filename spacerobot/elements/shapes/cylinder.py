@@ -17,7 +17,7 @@ from spacerobot.shapes.points import to_cylinder
 
 @register
 class Cylinder(CollisionShape):
-    """Cylinder along its own z axis, about its origin."""
+    """Cylinder centred at its origin, along its z axis."""
 
     urdf_geometry: ClassVar[str | None] = "cylinder"
 
