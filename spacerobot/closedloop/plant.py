@@ -100,7 +100,7 @@ def link_moments(parameters: Parameters, path: str, placement: Any) -> tuple[ca.
     com = ca.mtimes(rotation, parameters.sparse_vector(f"{path}.com")) + offset
     xx, yy, zz, xy, xz, yz = (parameters.sparse(f"{path}.inertia.{i}") for i in range(6))
     by_itself = parameters.varies(f"{path}.inertia") and parameters.varies(f"{path}.mass")
-    if parameters.gives(f"{path}.inertia_at_mass") and not by_itself:
+    if f"{path}.inertia_at_mass" in parameters and not by_itself:
         scale = mass / parameters(f"{path}.inertia_at_mass")
         xx, yy, zz, xy, xz, yz = (scale * entry for entry in (xx, yy, zz, xy, xz, yz))
     about_com = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))

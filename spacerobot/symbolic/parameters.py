@@ -3,13 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from spacerobot.common.arrays import Array
 from spacerobot.symbolic.noise import NoiseTable
-from spacerobot.symbolic.tables import WindowTable
+
+
+@dataclass(frozen=True)
+class WindowTable:
+    """Places of a table's rows and of its window, the copy of the present row.
+
+    Attributes:
+        cursor: Index of the cursor that selects the row.
+        first, window: Indices in c of the first row and of the window; ``first`` is -1 for noise.
+        width, count: Numbers in a row, and number of rows.
+        noise: Index of the first row among the random numbers of a rollout; -1 if the rows are in c.
+    """
+
+    cursor: int
+    first: int
+    window: int
+    width: int
+    count: int
+    noise: int = -1
 
 
 class Parameters:
@@ -38,9 +57,9 @@ class Parameters:
         """Whether the scenario has a number with this path."""
         return path in self._numbers
 
-    def vector(self, path: str, size: int = 3) -> ca.SX:
-        """Symbols of a list of numbers (size x 1)."""
-        return ca.vertcat(*(self(f"{path}.{i}") for i in range(size)))
+    def vector(self, path: str) -> ca.SX:
+        """Symbols of three numbers (3x1)."""
+        return ca.vertcat(*(self(f"{path}.{i}") for i in range(3)))
 
     def sparse(self, path: str) -> ca.SX:
         """Symbol of one number (1x1); a structural zero if it is exactly zero and not in ``vary``."""
@@ -51,10 +70,6 @@ class Parameters:
     def sparse_vector(self, path: str) -> ca.SX:
         """Symbols of three numbers (3x1), with structural zeros as in :meth:`sparse`."""
         return ca.vertcat(*(self.sparse(f"{path}.{i}") for i in range(3)))
-
-    def gives(self, path: str) -> bool:
-        """Whether the scenario has a number with this path."""
-        return path in self._numbers
 
     def varies(self, path: str) -> bool:
         """Whether ``vary`` has a number, or an entry of a list of numbers."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from spacerobot.common.section import Name, quantity
 from spacerobot.elements.controllers.base_plan import PLANAR, planned_parts, planned_wrench
@@ -19,22 +19,19 @@ from spacerobot.elements.core.robot_element import Part, RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
 from spacerobot.elements.references.plan_following import (
     BaseMotion,
-    check_given,
+    PlanFollower,
     known,
-    plan_file,
     plan_phase,
 )
 
 
 @register
-class BaseTracking(RobotController):
+class BaseTracking(PlanFollower, RobotController):
     """Forces and torques of a planned motion of the base, and feedback of its rates; actuators deliver."""
 
     base_wrench: ClassVar[frozenset[Part]] = frozenset({"force", "torque"})
 
     kind: Literal["base_tracking"] = "base_tracking"
-    fills: ClassVar[str | None] = "knots"
-    file: str | None = plan_file()
     phase: Name | None = plan_phase()
     knots: BaseMotion | None = Field(
         default=None, description="points of the planned trajectory, if not in a file"
@@ -42,11 +39,6 @@ class BaseTracking(RobotController):
     kd_linear: float = quantity("N s/m", "gain of the velocity", default=0.0, ge=0)
     kd_angular: float = quantity("N m s/rad", "gain of the spin", default=0.0, ge=0)
     feed_forward: float = quantity("1", "fraction of the planned wrench that is commanded", default=1.0, ge=0)
-
-    @model_validator(mode="after")
-    def _check(self) -> BaseTracking:
-        check_given(self.file, self.knots)
-        return self
 
     @classmethod
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:

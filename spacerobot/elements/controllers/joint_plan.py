@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from spacerobot.common.section import Name, quantity
 from spacerobot.elements.controllers.controller import RobotController
@@ -24,9 +24,8 @@ from spacerobot.elements.core.robot_element import RobotProperties
 from spacerobot.elements.references.knot_motion import Knots
 from spacerobot.elements.references.plan_following import (
     JointMotion,
-    check_given,
+    PlanFollower,
     known,
-    plan_file,
     plan_phase,
     table,
 )
@@ -36,11 +35,9 @@ APART = 1e-3
 """Distance from the plan's start [rad or m] above which the user is warned."""
 
 
-class JointPlanController(RobotController):
+class JointPlanController(PlanFollower, RobotController):
     """A controller of joints that track a planned motion."""
 
-    fills: ClassVar[str | None] = "knots"
-    file: str | None = plan_file()
     phase: Name | None = plan_phase()
     knots: JointMotion | None = Field(
         default=None, description="points of the planned trajectory, if not in a file"
@@ -48,11 +45,6 @@ class JointPlanController(RobotController):
     kp: float = quantity("N m/rad or N/m", "proportional gain", default=0.0, ge=0)
     kd: float = quantity("N m s/rad or N s/m", "derivative gain", default=0.0, ge=0)
     feed_forward: float = quantity("1", "fraction of the planned torque that is commanded", default=1.0, ge=0)
-
-    @model_validator(mode="after")
-    def _check(self) -> JointPlanController:
-        check_given(self.file, self.knots)
-        return self
 
     @classmethod
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ Joints track the plan as in :mod:`spacerobot.elements.controllers.joint_plan`. A
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Literal
+from typing import Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -63,8 +63,8 @@ class Mpc(JointPlanController):
     frames: dict[str, str] = Field(default={}, description="none: filled in by the simulation")
 
     @model_validator(mode="after")
-    def _check(self) -> Mpc:
-        """Check that the delay is at most the period: a plan is ready before the next one is started."""
+    def _check_plan(self) -> Self:
+        """Check that a plan is ready before the next one is started; knots come from plans in flight."""
         if self.delay > self.period:
             raise ValueError(f"delay: found {self.delay:g} s, allowed: at most the period, {self.period:g} s")
         return self

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypedDict, Unpack
+from typing import Self, TypedDict, Unpack
 
 import casadi as ca
+from pydantic import model_validator
 
+from spacerobot.common.section import MAX_SAMPLES, Section, quantity
 from spacerobot.elements.core.contribution import State, memory
 from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.section_context import SectionContext
@@ -22,6 +24,29 @@ ONCE = 1e9
 
 MAX_DELAY = 16
 """Maximum delay in periods, equal to the number of stored values."""
+
+
+class PeriodicSection(Section):
+    """Section of what happens at the instants of a clock, and takes effect with a delay."""
+
+    period: float = quantity(
+        "s", "time between two instants, the first at the start", gt=0, recurs=MAX_SAMPLES
+    )
+    delay: float = quantity(
+        "s",
+        f"time from an instant until its sample is known, or its output acts; at most {MAX_DELAY} periods",
+        default=0.0,
+        ge=0,
+    )
+
+    @model_validator(mode="after")
+    def _check_delay(self) -> Self:
+        if self.delay > MAX_DELAY * self.period:
+            raise ValueError(
+                f"delay: found {self.delay:g} s, allowed: at most {MAX_DELAY} periods, "
+                f"{MAX_DELAY * self.period:g} s"
+            )
+        return self
 
 
 class Marks(TypedDict, total=False):

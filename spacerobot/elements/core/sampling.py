@@ -29,10 +29,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import casadi as ca
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from spacerobot.common.section import MAX_SAMPLES, Section, quantity
-from spacerobot.elements.core.clock import MAX_DELAY, Clock, DelayLine
+from spacerobot.common.section import quantity
+from spacerobot.elements.core.clock import Clock, DelayLine, PeriodicSection
 from spacerobot.elements.core.contribution import (
     CommandedTorque,
     Contribution,
@@ -43,15 +43,9 @@ from spacerobot.elements.core.contribution import (
 from spacerobot.elements.core.section_context import SectionContext
 
 
-class Sampling(Section):
+class Sampling(PeriodicSection):
     """Periodic evaluation of a controller; its output is held between two instants."""
 
-    period: float = quantity(
-        "s", "time between two evaluations of the law, the first at the start", gt=0, recurs=MAX_SAMPLES
-    )
-    delay: float = quantity(
-        "s", f"time from an evaluation to its output acting, at most {MAX_DELAY} periods", default=0.0, ge=0
-    )
     limit: float | None = quantity("N m or N", "largest output of each component", default=None, gt=0)
     rate_limit: float | None = quantity(
         "N m/s or N/s",
@@ -60,15 +54,6 @@ class Sampling(Section):
         gt=0,
     )
     resolution: float = quantity("N m or N", "step of outputs; 0: any", default=0.0, ge=0)
-
-    @model_validator(mode="after")
-    def _check(self) -> Sampling:
-        if self.delay > MAX_DELAY * self.period:
-            raise ValueError(
-                f"delay: found {self.delay:g} s, allowed: at most {MAX_DELAY} periods, "
-                f"{MAX_DELAY * self.period:g} s"
-            )
-        return self
 
     def words(self) -> str:
         """Sampling rate and delay."""

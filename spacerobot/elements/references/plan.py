@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from spacerobot.common.arrays import Array
 from spacerobot.dynamics.joints import sparse
@@ -18,25 +18,18 @@ from spacerobot.elements.core.context import ReferenceContext
 from spacerobot.elements.core.desired_motion import DesiredMotion, InitialMotion, TimeProfile
 from spacerobot.elements.core.registry import register
 from spacerobot.elements.references.knot_motion import Knots, ends_of, slices_of
-from spacerobot.elements.references.plan_following import TipMotion, check_given, known, plan_file
+from spacerobot.elements.references.plan_following import PlanFollower, TipMotion, known
 from spacerobot.elements.references.reference import PLANE_TOLERANCE, Reference
 
 
 @register
-class PlanReference(Reference):
+class PlanReference(PlanFollower, Reference):
     """Motion of the tip in a plan, in world axes, for any pose of the tip at the beginning."""
 
     kind: Literal["plan"] = "plan"
-    fills: ClassVar[str | None] = "knots"
-    file: str | None = plan_file()
     knots: TipMotion | None = Field(
         default=None, description="points of the planned trajectory, if not in a file"
     )
-
-    @model_validator(mode="after")
-    def _check(self) -> PlanReference:
-        check_given(self.file, self.knots)
-        return self
 
     @classmethod
     def read(cls, file: Path, where: str, phase: str | None = None) -> Mapping[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -20,29 +20,28 @@ Row = tuple[float, ...]
 M = TypeVar("M")
 
 
-def plan_file() -> Any:
-    """Field of an element that follows a plan: the file that its ``knots`` are read from."""
-    return Field(
+class PlanFollower(Section):
+    """Section of an element that follows a plan, whose motion is given as ``knots`` or read from a file."""
+
+    fills: ClassVar[str | None] = "knots"
+    file: str | None = Field(
         default=None,
         min_length=1,
         max_length=4096,
         description="plan.nc of `spacerobot plan`: a path in the scenario's folder; fills in `knots`",
     )
+    knots: Any
+
+    @model_validator(mode="after")
+    def _check_plan(self) -> Self:
+        if self.file is None and self.knots is None:
+            raise ValueError("file: which plan? give `file` or `knots`")
+        return self
 
 
 def plan_phase() -> Any:
     """Field of an element that follows one phase of a plan that has several."""
     return Field(default=None, description="which phase of the plan, if not all of it")
-
-
-def check_given(file: str | None, knots: object) -> None:
-    """Check that a file or knots are given.
-
-    Raises:
-        ValueError: If there is neither a file nor knots.
-    """
-    if file is None and knots is None:
-        raise ValueError("file: which plan? give `file` or `knots`")
 
 
 def known(knots: M | None) -> M:

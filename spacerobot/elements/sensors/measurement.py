@@ -24,9 +24,9 @@ from statistics import NormalDist
 from typing import Literal
 
 import casadi as ca
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from spacerobot.common.section import MAX_SAMPLES, SIGNALS_UNIT, Section, Vector, quantity
+from spacerobot.common.section import SIGNALS_UNIT, Vector, quantity
 from spacerobot.dynamics.rotations import (
     quaternion_from_rotation,
     rotation_exp,
@@ -34,22 +34,16 @@ from spacerobot.dynamics.rotations import (
     rotation_log,
     turn,
 )
-from spacerobot.elements.core.clock import MAX_DELAY, Clock, DelayLine
+from spacerobot.elements.core.clock import Clock, DelayLine, PeriodicSection
 from spacerobot.elements.core.contribution import State, memory
 from spacerobot.elements.core.event import Event
 from spacerobot.elements.core.failure import Failure, failing
 from spacerobot.elements.core.section_context import SectionContext
 
 
-class SensorErrors(Section):
+class SensorErrors(PeriodicSection):
     """Sampling of a sensor, and its errors in addition to offset and scale."""
 
-    period: float = quantity(
-        "s", "time between two samples, the first at the start", gt=0, recurs=MAX_SAMPLES
-    )
-    delay: float = quantity(
-        "s", f"latency, from a sample to its being known, at most {MAX_DELAY} periods", default=0.0, ge=0
-    )
     noise: float = quantity(
         f"{SIGNALS_UNIT} s^0.5", "density of white noise, of each component", default=0.0, ge=0
     )
@@ -70,15 +64,6 @@ class SensorErrors(Section):
         "rotation vector of the sensor's axes about those of the base or the tip that carries it",
         default=(0.0, 0.0, 0.0),
     )
-
-    @model_validator(mode="after")
-    def _check(self) -> SensorErrors:
-        if self.delay > MAX_DELAY * self.period:
-            raise ValueError(
-                f"delay: found {self.delay:g} s, allowed: at most {MAX_DELAY} periods, "
-                f"{MAX_DELAY * self.period:g} s"
-            )
-        return self
 
     def coarsening(self, context: SectionContext) -> Callable[[ca.SX], ca.SX] | None:
         """Return the map from a signal (n x 1) to its quantised and clipped value; None without both.
