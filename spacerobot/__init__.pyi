@@ -39,6 +39,10 @@ from spacerobot.api.pictures import animate as animate
 from spacerobot.api.pictures import figures as figures
 from spacerobot.api.pictures import report as report
 from spacerobot.api.pictures import view as view
+from spacerobot.api.plan_studies import DesignStudyResult as DesignStudyResult
+from spacerobot.api.plan_studies import ParetoFrontResult as ParetoFrontResult
+from spacerobot.api.plan_studies import design_study as design_study
+from spacerobot.api.plan_studies import pareto_front as pareto_front
 from spacerobot.api.results import CampaignResult as CampaignResult
 from spacerobot.api.results import ComparisonResult as ComparisonResult
 from spacerobot.api.results import PlanResult as PlanResult
@@ -49,10 +53,6 @@ from spacerobot.api.scenario import check as check
 from spacerobot.api.scenario import list_kinds as list_kinds
 from spacerobot.api.scenario import list_scenarios as list_scenarios
 from spacerobot.api.scenario import scenario_schema as scenario_schema
-from spacerobot.api.studies import DesignStudyResult as DesignStudyResult
-from spacerobot.api.studies import ParetoFrontResult as ParetoFrontResult
-from spacerobot.api.studies import design_study as design_study
-from spacerobot.api.studies import pareto_front as pareto_front
 from spacerobot.basilisk import make_basilisk_controller as make_basilisk_controller
 from spacerobot.basilisk import make_basilisk_scene as make_basilisk_scene
 from spacerobot.closedloop import ClosedLoop as ClosedLoop

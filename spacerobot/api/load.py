@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from spacerobot.api.plan_studies import DesignStudyResult, ParetoFrontResult
 from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
-from spacerobot.api.studies import DesignStudyResult, ParetoFrontResult
 from spacerobot.api.study import Study
 from spacerobot.common.errors import ResultError
 from spacerobot.common.files import StrPath
