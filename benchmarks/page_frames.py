@@ -10,8 +10,8 @@ from benchmarks.process_tree import tree_s
 from benchmarks.table_row import Row
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.browser import Browser, chromium
 from viz.page.page import write_animation
+from viz.recording.browser import Browser, chromium
 
 SIZE = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
 LEVELS, PICTURES, WARM, CORES = 6, 20, 5, 2

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.record import write_recording
+from viz.recording.record import write_recording
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "docking.gif"
 

@@ -9,8 +9,8 @@ from benchmarks.process_tree import spent_s
 from benchmarks.table_row import Row
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.browser import program
-from viz.record import USUAL, write_recording
+from viz.recording.browser import program
+from viz.recording.record import USUAL, write_recording
 
 MOST_S = {".mp4": 40.0, ".gif": 10.0}
 

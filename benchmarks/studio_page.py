@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks.table_row import Row, hand_row
 from spacerobot.scene import load_scene
-from viz.browser import NO_3D, Browser, chromium
+from viz.recording.browser import NO_3D, Browser, chromium
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 

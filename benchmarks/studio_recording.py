@@ -13,8 +13,8 @@ from PIL import Image
 
 from spacerobot.common.files import write_bytes
 from spacerobot.scene import load_scene
-from viz.browser import Browser, chromium
-from viz.record import palette_of, steady
+from viz.recording.browser import Browser, chromium
+from viz.recording.record import palette_of, steady
 from viz.studio.prepared_design import Origin
 from viz.studio.server import Studio
 

@@ -6,5 +6,5 @@ from viz.page.live import LiveViewer as LiveViewer
 from viz.page.notebook import embed as embed
 from viz.page.page import animation_page as animation_page
 from viz.page.page import write_animation as write_animation
-from viz.record import write_recording as write_recording
+from viz.recording.record import write_recording as write_recording
 from viz.report.report import write_report as write_report

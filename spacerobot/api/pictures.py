@@ -120,11 +120,11 @@ def animate(
         write_text(target, page(played.data))
         note_derived([result.folder for result in played.results], [target])
     elif target.suffix.lower() == ".png":
-        from viz.record import write_poster
+        from viz.recording.record import write_poster
 
         write_poster(played.results[0], target, at=at)
     else:
-        from viz.record import write_recording
+        from viz.recording.record import write_recording
 
         write_recording(played.results[0], target, speed=speed, progress=progress)
     return None

@@ -4,7 +4,7 @@ import io
 
 from PIL import Image
 
-from viz import record
+from viz.recording import record
 
 
 def draw_square_frames(monkeypatch):

@@ -46,7 +46,7 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 @pytest.mark.skipif(not THREE.is_dir(), reason="npm install was not run")
 def test_three_js_plays_the_motion(tmp_path):
     """Poses of all links at the samples are those of Pinocchio."""
-    from viz.browser import chromium
+    from viz.recording.browser import chromium
 
     changes = {"simulation.duration": 1.0, "simulation.output_step": 0.25}
     result = sr.simulate(sr.load_scene("servicer", changes), backend="interpreted")

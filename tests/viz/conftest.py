@@ -13,8 +13,8 @@ from spacerobot.common.errors import SpaceRobotError
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from tests.oracles.free_bodies import FLAT, free_bodies
-from viz.browser import NO_3D, Browser, started
 from viz.figures.comparison import write_figures
+from viz.recording.browser import NO_3D, Browser, started
 
 
 @pytest.fixture(scope="session")

@@ -12,11 +12,11 @@ import pytest
 from PIL import Image
 
 from spacerobot.common.errors import ResultError
-from viz import record
-from viz.browser import program as browser_program
-from viz.film import page_pictures
 from viz.page.animation import animation
-from viz.record import frames, write_recording
+from viz.recording import record
+from viz.recording.browser import program as browser_program
+from viz.recording.page_pictures import page_pictures
+from viz.recording.record import frames, write_recording
 
 
 @pytest.fixture(autouse=True)

@@ -29,7 +29,7 @@ from viz.figures.storyboard import has_instants
 from viz.page.animation import notices
 from viz.page.notebook import frame
 from viz.page.page import animation_page
-from viz.record import frames
+from viz.recording.record import frames
 from viz.report.verdict import verdict
 
 MOST_DIFFERENCES = 12

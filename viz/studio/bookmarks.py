@@ -22,7 +22,7 @@ from spacerobot.scene import build_scene
 from spacerobot.simulation import simulate
 from viz.page.page import write_animation
 from viz.page.signals import quantities
-from viz.record import write_recording
+from viz.recording.record import write_recording
 from viz.studio.edited_text import edited, flow
 from viz.studio.prepared_design import Origin, Tell
 

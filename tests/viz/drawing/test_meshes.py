@@ -19,7 +19,7 @@ from viz.drawing.raster import Faces, cover, draw_faces
 from viz.figures import docking, to_bytes
 from viz.page.animation import animation
 from viz.page.page import animation_page
-from viz.record import frames
+from viz.recording.record import frames
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 

@@ -11,7 +11,7 @@ from viz.drawing.placements import JointPlacements
 from viz.drawing.view import TOP, _clearest, _frame, first_view, grasp_view, oblique, view_of
 from viz.figures import docking
 from viz.page.animation import animation, still
-from viz.record import frames
+from viz.recording.record import frames
 
 
 def box(body, size, *, is_base=False):

@@ -24,7 +24,7 @@ from viz.page.campaign_spread import CampaignSpread
 from viz.page.meshcat_scene import packed
 from viz.page.page import animation_page, json_text, meshcat_script, write_animation
 from viz.page.page import page as to_html
-from viz.record import write_recording
+from viz.recording.record import write_recording
 
 BOX = (
     "(({x, y, width, height}) => [x, y, width, height])"
@@ -153,7 +153,7 @@ def test_a_result_of_a_single_instant_and_a_body_without_shapes_are_shown(
     assert page.evaluate("document.getElementById('play').disabled")
     assert page.errors == []
     assert len(list(draw_all(instant))) == sum(kind.applies(instant) for kind in figure_kinds())
-    monkeypatch.setattr("viz.record.browser_program", lambda: None)
+    monkeypatch.setattr("viz.recording.record.browser_program", lambda: None)
     write_recording(instant, tmp_path / "instant.gif", size_px=(160, 100))
 
 

@@ -7,7 +7,7 @@ from spacerobot.result.result import Result
 from viz.figures.storyboard import chosen
 from viz.page.animation import animation
 from viz.page.page import animation_page
-from viz.record import frames
+from viz.recording.record import frames
 
 VIOLET = np.array([0xC7, 0x7D, 0xFF])
 ORANGE = np.array([0xFF, 0x9D, 0x2E])

@@ -11,7 +11,7 @@ from viz.page.animation import animation
 from viz.page.page import animation_page
 from viz.page.planet import planet_data
 from viz.page.signals import quantities
-from viz.record import frames
+from viz.recording.record import frames
 
 NOZZLES = {
     "ahead": {"position": [0.3, 0.3, 0], "direction": [1, 0, 0]},

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from spacerobot.common.errors import ResultError
-from viz.browser import chromium
 from viz.page.page import page
+from viz.recording.browser import chromium
 
 FINE, MOVING = 0, 3
 """Levels of ``viz/web/quality.js``: all that can be drawn, for one picture; and for many."""

@@ -25,15 +25,15 @@ from spacerobot.common.arrays import Array
 from spacerobot.common.errors import ResultError, near_names
 from spacerobot.common.files import StrPath, write_bytes
 from spacerobot.result import Result, note_derived
-from viz.browser import program as browser_program
 from viz.drawing.motion import BodyMotion, greatest_force, pick_rows, sample_motion
 from viz.drawing.projection import fit
 from viz.drawing.view import View, view_of
 from viz.figures.base_actuation import draw_plumes
 from viz.figures.docking import draw_forces, draw_frame, draw_names, seen_points
 from viz.figures.style import COLOURS, Drawing, styled
-from viz.film import FINE, page_pictures
 from viz.page.animation import animation
+from viz.recording.browser import program as browser_program
+from viz.recording.page_pictures import FINE, page_pictures
 
 USUAL: dict[str, tuple[float, tuple[int, int]]] = {
     ".gif": (12.5, (640, 400)),

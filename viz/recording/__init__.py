@@ -1,0 +1,1 @@
+"""Recordings without a display: pictures of pages by a headless Chromium, GIF, PNG and MP4."""
