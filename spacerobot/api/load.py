@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import pkgutil
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -25,33 +25,11 @@ if TYPE_CHECKING:
     from spacerobot.linear import SavedMargins
 
 
-FolderResult: TypeAlias = "Study | TuningResult | RobustTuningResult | SweepResult | SavedMargins"
-"""Results in folders, except those of simulations."""
-
-
-def _tuning(path: Path) -> TuningResult:
-    from optim.tuning import TuningResult
-
-    return TuningResult.load(path)
-
-
-def _robust_tuning(path: Path) -> RobustTuningResult:
-    from optim.robust.problem import RobustTuningResult
-
-    return RobustTuningResult.load(path)
-
-
-def _sweep(path: Path) -> SweepResult:
-    from optim.comparison.sweep import SweepResult
-
-    return SweepResult.load(path)
-
-
-def _margins(path: Path) -> SavedMargins:
-    from spacerobot.linear import SavedMargins
-
-    return SavedMargins.load(path)
-
+Loaded: TypeAlias = (
+    "Result | Study | TuningResult | RobustTuningResult | SweepResult | SavedMargins | GradientResult "
+    "| BatchResult | IdentificationResult | FailureProbability | Falsification"
+)
+"""Results that are saved."""
 
 STUDIES: tuple[type[Study], ...] = (
     CampaignResult,
@@ -62,27 +40,24 @@ STUDIES: tuple[type[Study], ...] = (
 )
 """Kinds of studies in the order of the search for their files; that of a design study has a plan too."""
 
-FOLDERS: dict[str, Callable[[Path], FolderResult]] = {
-    **{kind.file: kind.load for kind in STUDIES},
-    "tuning.json": _tuning,
-    "robust.json": _robust_tuning,
-    "sweep.json": _sweep,
-    "margins.nc": _margins,
+FOLDERS = {
+    **{kind.file: f"{kind.__module__}:{kind.__name__}" for kind in STUDIES},
+    "tuning.json": "optim.tuning:TuningResult",
+    "robust.json": "optim.robust.problem:RobustTuningResult",
+    "sweep.json": "optim.comparison.sweep:SweepResult",
+    "margins.nc": "spacerobot.linear:SavedMargins",
 }
-"""Reader of a folder by the file that it contains, in the order of the search; other folders are results."""
+"""Class of the result in a folder by the file that it contains, in the order of the search."""
+
+JSON_FILES = {
+    "identification": "optim.identification:IdentificationResult",
+    "failure_probability": "optim.reliability.probability:FailureProbability",
+    "falsification": "optim.reliability.falsification:Falsification",
+}
+"""Class of a JSON file's result by the key that it contains."""
 
 
-def load(
-    path: StrPath,
-) -> (
-    Result
-    | FolderResult
-    | GradientResult
-    | BatchResult
-    | IdentificationResult
-    | FailureProbability
-    | Falsification
-):
+def load(path: StrPath) -> Loaded:
     """Read a result that was written by its ``save`` or by a command with ``--out``.
 
     Args:
@@ -99,18 +74,13 @@ def load(
     """
     path = Path(path)
     if path.is_file() and path.suffix == ".json":
-        from optim.identification import IdentificationResult
-        from optim.reliability.falsification import Falsification
-        from optim.reliability.probability import FailureProbability
-
         try:
             key = next(iter(json.loads(path.read_text(encoding="utf-8"))))
         except (OSError, ValueError, TypeError, StopIteration) as fault:
             raise ResultError(f"cannot be read: {fault}", source=path) from None
-        kinds = {kind.key: kind for kind in (IdentificationResult, FailureProbability, Falsification)}
-        if key not in kinds:
-            raise ResultError(f"holds {key!r}, allowed: {', '.join(kinds)}", source=path)
-        return kinds[key].load(path)
+        if key not in JSON_FILES:
+            raise ResultError(f"holds {key!r}, allowed: {', '.join(JSON_FILES)}", source=path)
+        return _load(JSON_FILES[key], path)
     if path.is_file():
         from optim.evaluation import load_evaluation
 
@@ -118,7 +88,13 @@ def load(
     if not path.is_dir():
         raise ResultError("no such file or folder", source=path)
     files = {entry.name for entry in path.iterdir()}
-    for file, read in FOLDERS.items():
+    for file, kind in FOLDERS.items():
         if file in files:
-            return read(path)
+            return _load(kind, path)
     return Result.load(path)
+
+
+def _load(kind: str, path: Path) -> Loaded:
+    """Result of a class, ``module:Class``, which is imported now."""
+    result: Loaded = pkgutil.resolve_name(kind).load(path)
+    return result

@@ -7,8 +7,8 @@ out each simulation from one update to the next. A single simulation is a batch 
 
 from __future__ import annotations
 
-import importlib
 import math
+import pkgutil
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self
@@ -125,8 +125,7 @@ class UpdatedScene:
         """
         schemes, prepared = list[UpdateScheme](), scene
         for name in update_schemes(scene):
-            module, _, kind = name.partition(":")
-            schemes.append(getattr(importlib.import_module(module), kind).of(prepared, vary))
+            schemes.append(pkgutil.resolve_name(name).of(prepared, vary))
             prepared = schemes[-1].scene
         return cls(scene, tuple(schemes)) if schemes else None
 
