@@ -23,16 +23,14 @@ from __future__ import annotations
 from typing import Literal
 
 import casadi as ca
-from pydantic import Field
 
 from spacerobot.common.section import quantity
 from spacerobot.dynamics.rotations import left_jacobian, rotation_exp, rotation_log
 from spacerobot.elements.controllers.compliance import (
-    Axes,
-    ComplianceController,
-    Gains,
+    ImpedanceLaw,
     PositiveGains,
     gains_of,
+    listed,
     read_pose_error,
     read_rate_error,
     reference_acceleration,
@@ -44,7 +42,7 @@ from spacerobot.elements.core.registry import register
 
 
 @register
-class Admittance(ComplianceController):
+class Admittance(ImpedanceLaw):
     """Motion of a tip that yields to the measured wrench as a virtual mass, damper and spring.
 
     Under a name that begins with ``orientation`` it controls the tip's rotation.
@@ -53,15 +51,6 @@ class Admittance(ComplianceController):
     kind: Literal["admittance"] = "admittance"
     inertia: PositiveGains = quantity(
         "kg", "virtual inertia along each of the axes", rotation="kg m^2", default=(1.0, 1.0, 1.0)
-    )
-    damping: Gains = quantity(
-        "N s/m", "virtual damping along each of the axes", rotation="N m s/rad", default=(0.0, 0.0, 0.0)
-    )
-    stiffness: Gains = quantity(
-        "N/m", "virtual stiffness along each of the axes", rotation="N m/rad", default=(0.0, 0.0, 0.0)
-    )
-    axes: Axes = Field(
-        default="world", description="axes of the three: those of the world or of the reference"
     )
     bandwidth: float = quantity(
         "rad/s", "of the inner loop that makes the tip follow, critically damped", default=10.0, gt=0
@@ -109,6 +98,4 @@ class Admittance(ComplianceController):
 
     def words(self) -> str:
         """Virtual inertia, damping, stiffness and bandwidth, in text form."""
-        rows = (self.inertia, self.damping, self.stiffness)
-        gains = (", ".join(f"{value:g}" for value in row) for row in rows)
-        return "admittance ({}) / ({}) / ({}), {:g} rad/s".format(*gains, self.bandwidth)
+        return f"admittance {listed(self.inertia, self.damping, self.stiffness)}, {self.bandwidth:g} rad/s"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Literal
 
 import casadi as ca
 from pydantic import Field
 
-from spacerobot.common.section import Section
+from spacerobot.common.section import Section, quantity
 from spacerobot.elements.controllers.controller import TipController, named_motion
 from spacerobot.elements.core.context import TipContext
 from spacerobot.elements.sensors.signals import WRENCHES
@@ -39,6 +39,26 @@ class ComplianceController(TipController):
     def controls(self, key: str) -> Literal["translation", "rotation"]:
         """The tip's translation, or its rotation under a name that begins with ``orientation``."""
         return named_motion(key)
+
+
+class ImpedanceLaw(ComplianceController):
+    """A controller with a spring and a damper between a tip and its reference."""
+
+    stiffness: Gains = quantity(
+        "N/m", "stiffness along each of the axes", rotation="N m/rad", default=(0.0, 0.0, 0.0)
+    )
+    damping: Gains = quantity(
+        "N s/m", "damping along each of the axes", rotation="N m s/rad", default=(0.0, 0.0, 0.0)
+    )
+    axes: Axes = Field(
+        default="world",
+        description="axes of stiffness, damping and inertia: those of the world or of the reference",
+    )
+
+
+def listed(*rows: Iterable[float]) -> str:
+    """Rows of numbers in parentheses, separated by slashes, for :meth:`Element.words`."""
+    return " / ".join(f"({', '.join(f'{value:g}' for value in row)})" for row in rows)
 
 
 def gains_of(tip: TipContext, key: str, axes: Axes, *, inverse: bool = False) -> ca.SX:

@@ -30,6 +30,7 @@ from spacerobot.elements.controllers.compliance import (
     Axes,
     ComplianceController,
     gains_of,
+    listed,
     read_pose_error,
     read_rate_error,
     reference_acceleration,
@@ -107,6 +108,4 @@ class HybridForce(ComplianceController):
 
     def words(self) -> str:
         """Selection and setpoint, in text form."""
-        rows = (self.selection, self.force)
-        gains = (", ".join(f"{value:g}" for value in row) for row in rows)
-        return "hybrid force, selection ({}), force ({})".format(*gains)
+        return f"hybrid force, selection {listed(self.selection)}, force {listed(self.force)}"

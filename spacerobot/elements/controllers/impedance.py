@@ -40,16 +40,14 @@ from __future__ import annotations
 from typing import Literal
 
 import casadi as ca
-from pydantic import Field
 
 from spacerobot.common.section import quantity
 from spacerobot.dynamics.rotations import inverse_left_jacobian
 from spacerobot.elements.controllers.compliance import (
-    Axes,
-    ComplianceController,
-    Gains,
+    ImpedanceLaw,
     PositiveGains,
     gains_of,
+    listed,
     read_pose_error,
     read_rate_error,
     reference_acceleration,
@@ -61,29 +59,19 @@ from spacerobot.elements.core.registry import register
 
 
 @register
-class Impedance(ComplianceController):
+class Impedance(ImpedanceLaw):
     """Cartesian stiffness and damping between a tip and its reference, by the generalized Jacobian.
 
     Under a name that begins with ``orientation`` it controls the tip's rotation.
     """
 
     kind: Literal["impedance"] = "impedance"
-    stiffness: Gains = quantity(
-        "N/m", "stiffness along each of the axes", rotation="N m/rad", default=(0.0, 0.0, 0.0)
-    )
-    damping: Gains = quantity(
-        "N s/m", "damping along each of the axes", rotation="N m s/rad", default=(0.0, 0.0, 0.0)
-    )
     inertia: PositiveGains | None = quantity(
         "kg",
         "desired inertia along each of the axes, which needs the measured wrench on the tip; that of the "
         "arm if not given",
         rotation="kg m^2",
         default=None,
-    )
-    axes: Axes = Field(
-        default="world",
-        description="axes of stiffness, damping and inertia: those of the world or of the reference",
     )
 
     def build(self, tip: TipContext) -> Contribution:
@@ -119,8 +107,5 @@ class Impedance(ComplianceController):
 
     def words(self) -> str:
         """Stiffness and damping, in text form."""
-        gains = (", ".join(f"{value:g}" for value in row) for row in (self.stiffness, self.damping))
-        text = "impedance ({}) / ({})".format(*gains)
-        if self.inertia is None:
-            return text
-        return f"{text}, inertia ({', '.join(f'{value:g}' for value in self.inertia)})"
+        text = f"impedance {listed(self.stiffness, self.damping)}"
+        return text if self.inertia is None else f"{text}, inertia {listed(self.inertia)}"
