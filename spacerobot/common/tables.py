@@ -126,6 +126,12 @@ def unit_scale(unit: str, signal: str = "") -> tuple[float, str]:
     return scales.get(unit, (1.0, unit))
 
 
+def unit_of_joint(unit: str, kind: str) -> str:
+    """Unit of a joint's number: of ``rad or m`` the second for a prismatic joint, otherwise the first."""
+    first, _, second = unit.partition(" or ")
+    return second if second and kind == "prismatic" else first
+
+
 def escape(text: str) -> str:
     """Text with HTML's special characters escaped."""
     return html.escape(str(text), quote=True)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spacerobot.common.arrays import Array
+from spacerobot.common.tables import unit_of_joint
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,11 +64,5 @@ def signals(data: xr.Dataset) -> Iterator[ScalarSignal]:
                 (kinds[one] for dim, one in zip(dims, label, strict=True) if dim == "joint" and one in kinds),
                 None,
             )
-            yield ScalarSignal(name, label, _unit(units, kind), text, np.asarray(columns[:, column]))
-
-
-def _unit(units: str, joint_kind: str | None) -> str:
-    rotation, either, translation = units.partition(" or ")
-    if joint_kind is None or not either:
-        return units
-    return translation if joint_kind == "prismatic" else rotation
+            unit = units if kind is None else unit_of_joint(units, str(kind))
+            yield ScalarSignal(name, label, unit, text, np.asarray(columns[:, column]))

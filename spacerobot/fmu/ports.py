@@ -11,6 +11,7 @@ import numpy as np
 
 from spacerobot.closedloop import ClosedLoop, CommandInput, OutputVariable
 from spacerobot.common.errors import SpaceRobotError
+from spacerobot.common.tables import unit_of_joint
 from spacerobot.dynamics.rotations import rotation_from_quaternion
 from spacerobot.fmu.names import keys_at, structured
 from spacerobot.fmu.units import unit_definition
@@ -124,7 +125,7 @@ def _with_units(scene: Scene, variables: Sequence[PlantVariable]) -> Iterator[Pl
 
     A unit that FMI cannot define is in the description.
     """
-    kinds = {str(joint.kind) for body in scene.bodies for joint in body.description.joints}
+    kinds = scene.joint_kinds.values()
     for variable in variables:
         unit = variable.unit.replace(", ", " or ")
         if " or " in unit:
@@ -220,6 +221,7 @@ def _signals(scene: Scene, loop: ClosedLoop) -> tuple[list[PlantVariable], list[
         ca.SX.sym(loop.outputs.name_in(i), loop.outputs.numel_in(i)) for i in range(loop.outputs.n_in())
     ]
     values = loop.outputs.call(arguments)
+    kinds = scene.joint_kinds
     outputs: list[PlantVariable] = []
     integers: list[PlantVariable] = []
     entries: list[ca.SX] = []
@@ -230,7 +232,7 @@ def _signals(scene: Scene, loop: ClosedLoop) -> tuple[list[PlantVariable], list[
                 continue  # what an element does not declare
             name, unit = structured([variable.name, *keys_of_entry]), variable.unit
             if variable.dims[:1] in (("joint",), ("driven_joint",)):
-                unit = _unit_of_joint(scene, unit, "/".join(map(str, keys_of_entry)))
+                unit = unit_of_joint(unit, kinds.get("/".join(map(str, keys_of_entry)), ""))
             listed = integers if variable.name in WHOLE else outputs
             listed.append(PlantVariable(name, unit, variable.text, len(entries)))
             entries.append(entry)
@@ -240,17 +242,6 @@ def _signals(scene: Scene, loop: ClosedLoop) -> tuple[list[PlantVariable], list[
     names = ["t", "x", "c"]
     y = ca.densify(ca.vertcat(ca.SX(0, 1), *entries))
     return outputs, integers, ca.Function("outputs", arguments, [y], names, ["y"], {"cse": True})
-
-
-def _unit_of_joint(scene: Scene, unit: str, label: str) -> str:
-    """Unit of a joint, ``ROBOT/JOINT``: of ``rad or m`` the second one if it slides."""
-    slides = {
-        f"{body.name}/{joint.name}": str(joint.kind) == "prismatic"
-        for body in scene.bodies
-        for joint in body.description.joints
-    }
-    first, _, second = unit.partition(" or ")
-    return second if second and slides.get(label, False) else first
 
 
 def _labels(scene: Scene, variable: OutputVariable, size: int) -> list[list[str | int]]:
@@ -309,6 +300,7 @@ def _configuration(scene: Scene, x: ca.SX) -> Iterator[tuple[str, str, str, ca.S
         position = q[joint.idx_q]
         if joint.nq == 2:
             position = ca.atan2(q[joint.idx_q + 1], q[joint.idx_q])
-        units = [_unit_of_joint(scene, unit, "/".join(keys)) for unit in ("rad or m", "rad/s or m/s")]
+        kind = scene.joint_kinds.get("/".join(keys), "")
+        units = [unit_of_joint(unit, kind) for unit in ("rad or m", "rad/s or m/s")]
         yield structured(["joint_position", *keys]), units[0], "joint positions", position
         yield structured(["joint_velocity", *keys]), units[1], "joint rates", v[joint.idx_v]

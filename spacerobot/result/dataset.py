@@ -121,11 +121,7 @@ def _joint_labels(scene: Scene) -> list[str]:
 
 def _joint_kinds(scene: Scene) -> list[str]:
     """Kinds of the arm joints (revolute, continuous or prismatic) in the order of the labels."""
-    kinds = {
-        f"{body.name}/{joint.name}": str(joint.kind)
-        for body in scene.bodies
-        for joint in body.description.joints
-    }
+    kinds = scene.joint_kinds
     return [kinds[label] for label in _joint_labels(scene)]
 
 

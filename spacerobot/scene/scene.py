@@ -332,6 +332,15 @@ class Scene(Tabular):
         return stiffnesses
 
     @property
+    def joint_kinds(self) -> dict[str, str]:
+        """Kind of each joint of the URDFs, such as ``revolute`` or ``prismatic``, by ``body/joint``."""
+        return {
+            f"{body.name}/{joint.name}": str(joint.kind)
+            for body in self.bodies
+            for joint in body.description.joints
+        }
+
+    @property
     def translation_axes(self) -> tuple[int, ...]:
         """World axes of translation: x and y in a planar scene."""
         return (0, 1) if self.planar else (0, 1, 2)
