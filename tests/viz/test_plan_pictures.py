@@ -121,9 +121,7 @@ def test_panels_keep_their_widths_whatever_the_joints_and_constraints_are_called
             assert panel.get_position().width > 0.15
             shown = panel._left_title.get_window_extent()
             assert shown.x1 <= figure.bbox.x1
-    below = [
-        panel.xaxis.get_tick_params()["labelbottom"] for panel in constraints.axes if panel.axison
-    ]
+    below = [panel.xaxis.get_tick_params()["labelbottom"] for panel in constraints.axes if panel.axison]
     assert below[-2:] == [True, True]  # each column ends with numbers
 
 
