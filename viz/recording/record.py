@@ -54,7 +54,7 @@ GIF_COLOURS = {Image.Quantize.MEDIANCUT: 48, Image.Quantize.MAXCOVERAGE: 32}
 
 _UNSEEN = 12  # of 255, in each channel
 COARSE_MM = 0.5
-"""Largest tip error [mm] from which two decimals of it are printed."""
+"""Largest tip error [mm] from which errors are printed with two decimals, else with two digits."""
 _LONGEST_S = 20
 _MP4_FILTERS = "pad=ceil(iw/2)*2:ceil(ih/2)*2,tpad=stop_mode=clone:stop_duration=1"
 _LONGEST_ARROW = 0.06  # as a share of the scene's size
@@ -202,8 +202,8 @@ class Frames:
         row, data = int(self.motion.rows[index]), self.result.data
         for k, tip in enumerate(self.result.led_tips):
             error = np.linalg.norm(data.tip_error.sel(tip=tip).values[row]) * 1e3
-            digits = 2 if self.largest_error_mm >= COARSE_MM else 4
-            text = f"{tip} error {error:.{digits}f} mm"
+            number = f"{error:.2f}" if self.largest_error_mm >= COARSE_MM else f"{error:.2g}"
+            text = f"{tip} error {number} mm"
             panel.text(0.015, 0.89 - 0.055 * k, text, fontsize=9, color=COLOURS[k % 2], **at)
         legend = "dashed: where bodies began" + (" and references of tips" if self.result.led_tips else "")
         kinds = [kind for kind in ("grasp", "contact") if data.sizes.get(kind)]

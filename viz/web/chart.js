@@ -266,7 +266,8 @@ export class Chart {
     const words = (_, splits, __, ___, step) => splits.map((value) => {
       if (value === null || value === undefined) return "";
       const most = Math.max(...splits.map(Math.abs)), places = panel.log || !(step > 0) ? 3 : Math.min(15, Math.max(1, Math.ceil(Math.log10(most / step)) + 2));
-      return `${Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-4) ? digits(value) : Number(value.toPrecision(places))} ${unit}`;
+      const rounded = (tick) => Number((tick ?? 0).toPrecision(places)), long = most < 1e-2 && splits.some((tick) => String(rounded(tick)).length > 6); // wider than the axis
+      return `${Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-4) ? digits(value) : value && long ? rounded(value).toExponential() : rounded(value)} ${unit}`;
     });
     // of a logarithmic scale the powers of ten, as many as have room
     const powers = (plot, splits) => {

@@ -12,7 +12,7 @@ const drawn = {};
 
 // The renderer writes sRGB and works in linear light: colours as they are meant on the screen, for it.
 // What a description calls black reflects a little: a body that reflects nothing could not be seen against the sky.
-const DARKEST = 0.035;
+const DARKEST = 0.055;
 
 export function linear(rgb) { return rgb.map((v) => DARKEST + (1 - DARKEST) * v ** 2.2); }
 

@@ -16,8 +16,8 @@ export class Space {
     this.viewer = viewer;
     this.sun = new THREE.DirectionalLight(0xfff4e6, 2.2);
     this.sun.castShadow = true;
-    this.shine = new THREE.HemisphereLight(0x9dbdec, 0x35302a, 0.6);
-    this.rim = new THREE.DirectionalLight(0xa9c6ff, 0.9); // from behind: the edges of dark bodies stand out from a dark sky
+    this.shine = new THREE.HemisphereLight(0x9dbdec, 0x6a6560, 1.0);
+    this.rim = new THREE.DirectionalLight(0xa9c6ff, 1.2); // from behind: the edges of dark bodies stand out from a dark sky
     this.even = new THREE.HemisphereLight(0xffffff, 0x8a8f98, 1.5); // in place of the sun
     this.sky = new THREE.Group();
     this.stars = stars();
