@@ -69,11 +69,10 @@ def draws_without_overlap(samples):
     return draws[chosen], int(chosen[-1]) + 1 - samples
 
 
-def main(samples: int = 16) -> None:
-    """Table of P(caged) with its Wilson interval, peak force and time until the cage is closed."""
-    draws, rejected = draws_without_overlap(samples)
+def numbers(draws):
+    """Numbers of the scenario by their paths, of draws (n, 5)."""
     spin, attitude, friction, x, y = draws.T
-    values = {
+    return {
         "target.base.spin_deg.2": spin,
         "target.base.rotation_deg.2": attitude,
         "contacts.left.friction": friction,
@@ -81,6 +80,12 @@ def main(samples: int = 16) -> None:
         "target.base.position.0": x,
         "target.base.position.1": y,
     }
+
+
+def main(samples: int = 16) -> None:
+    """Table of P(caged) with its Wilson interval, peak force and time until the cage is closed."""
+    draws, rejected = draws_without_overlap(samples)
+    values = numbers(draws)
     print(
         f"{samples} draws; {rejected} others, within {1e3 * CLEARANCE:g} mm of a hand at first, are rejected"
     )
