@@ -1,29 +1,32 @@
 """Figures of docs/validation/touch.md: spin over time, peak force over the impedance, P(caged).
 
-python examples/touch/figures.py              # simulate all parts, write data and figures
-python examples/touch/figures.py peak caged   # simulate these parts, and draw the data of the others
+python -m benchmarks.touch              # simulate all parts, write data and figures
+python -m benchmarks.touch peak caged   # simulate these parts, and draw the data of the others
 
 The data is docs/data/touch.json.
 """
 
 import json
+import runpy
 import sys
 from pathlib import Path
 
 import numpy as np
-from compare import CLOSING, HANDS, draws_without_overlap, numbers
 from scipy.stats import binomtest, qmc
 
 import spacerobot as sr
 from viz.figures.style import COLOURS, DASHES, legend_above, panels, styled, write_drawings
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+COMPARE = runpy.run_path(str(ROOT / "examples" / "touch" / "compare.py"))
+"""Hands and draws of the example."""
 DATA = DOCS / "data" / "touch.json"
 SHOWN = {"contacts as the cube gives them": "wait for 40 s, close in 8 s"} | {
     name: name for name in ("close at once in 8 s", "contacts chosen by prediction")
 }
-DRAWS = (0, 7, 4, 3)
-"""Draws of compare.py that are shown; the last one is not caged by prediction."""
+DRAWS = (0,)
+"""Draws of compare.py that are shown."""
 STIFFNESSES, DAMPINGS = (5, 20, 60, 180, 600, 2000), (5, 10, 40, 120, 360)
 """Stiffness [N/m] and damping [N s/m] of both hands."""
 SPINS = (15, 60)
@@ -43,13 +46,13 @@ def spin(data):
 
 def spins():
     """Spin over the first 30 s of some draws, for each kind of hands."""
-    draws, _ = draws_without_overlap(max(DRAWS) + 1)
+    draws, _ = COMPARE["draws_without_overlap"](max(DRAWS) + 1)
     rows = []
     for k in DRAWS:
-        paths = {path: values.item() for path, values in numbers(draws[[k]]).items()}
+        paths = {path: values.item() for path, values in COMPARE["numbers"](draws[[k]]).items()}
         row = {"draw": k + 1, "spin": draws[k, 0], "friction": draws[k, 2], "lines": {}}
         for label, name in SHOWN.items():
-            changes = HANDS[name] | paths | {"simulation.duration": CLOSING}
+            changes = COMPARE["HANDS"][name] | paths | {"simulation.duration": COMPARE["CLOSING"]}
             data = sr.simulate(sr.load_scene("touch", changes), backend="compiled").data
             time = np.arange(0, data.time.values[-1], 0.1)
             values = np.interp(time, data.time.values, spin(data))
@@ -78,7 +81,9 @@ def caged():
     """Spin, friction and time until caged of each sample, negative if it is not caged, and its peak force."""
     lower, upper = [10, -45, 0, 0.95, 0], [FASTEST, 45, 1, 0.95, 0]
     draws = lower + (np.array(upper) - lower) * qmc.Sobol(5, seed=3).random(SAMPLES)
-    data = sr.batch(sr.load_scene("touch"), ["capture_time", "contact_force_peak"], numbers(draws)).data
+    data = sr.batch(
+        sr.load_scene("touch"), ["capture_time", "contact_force_peak"], COMPARE["numbers"](draws)
+    ).data
     times, forces = (
         np.array(data[name]).reshape(SAMPLES, -1).max(axis=1)
         for name in ("capture_time", "contact_force_peak")
@@ -94,15 +99,15 @@ def caged():
 @styled
 def spin_figure(rows):
     """Spin over time, one panel for each draw."""
-    figure, axes = panels(2, 2, height_in=1.9, sharex=True, sharey=True)
+    figure, axes = panels(1, len(rows), height_in=2.4, sharey=True)
     for panel, row in zip(axes.flat, rows, strict=True):
         for k, (label, one) in enumerate(row["lines"].items()):
             panel.plot(one["time"], one["spin"], color=COLOURS[k], linestyle=DASHES[k], label=label)
         title = f"draw {row['draw']}: {row['spin']:.0f} deg/s, friction {row['friction']:.2f}"
-        panel.set(title=title, yscale="symlog", ylim=(-30, 200))
+        panel.set(title=title, ylim=(-30, 200))
         panel.set_yscale("symlog", linthresh=1)
         panel.set_yticks([-10, -1, 0, 1, 10, 100], ["-10", "-1", "0", "1", "10", "100"])
-    for panel in axes[1]:
+    for panel in axes.flat:
         panel.set_xlabel("time [s]")
     for panel in axes[:, 0]:
         panel.set_ylabel("spin of the cube [deg/s]")
