@@ -72,7 +72,7 @@ class SensorNoise:
     joint_rate: float = 1e-4
 
     def scaled(self, factor: float) -> SensorNoise:
-        """All of it times a factor."""
+        """Noise with all deviations multiplied by a factor."""
         return SensorNoise(*(factor * value for value in dataclasses.astuple(self)))
 
 
@@ -255,7 +255,7 @@ class _Momentum:
 
     @property
     def measured_places(self) -> list[int]:
-        """Places in v that the robots' sensors measure: all but the object's."""
+        """Indices in v that the robots' sensors measure: all but the object's."""
         joint = self.scene.model.joints[self.target.root_joint]
         return [i for i in range(self.scene.model.nv) if not 0 <= i - joint.idx_v < joint.nv]
 

@@ -67,7 +67,7 @@ class TuningResult(Tabular):
     reading: tuple[str, float, str] = (OBJECTIVE, 1.0, "")
 
     def save(self, folder: StrPath) -> None:
-        """Write ``tuning.json``, and ``scenario.yaml`` with the gains unless a result of it is there.
+        """Write ``tuning.json``, and ``scenario.yaml`` with the gains unless the folder has a result of it.
 
         Raises:
             ResultError: If the folder holds something else or cannot be written.

@@ -138,7 +138,7 @@ def designs_table(benchmark: Data) -> Table | None:
 
 
 def sensitivity_table(benchmark: Data) -> Table | None:
-    """Relative change of the objective, to first order, if a gain crossed its range; None if unknown."""
+    """Table of the first-order relative change of the objective over the range of each gain, or None."""
     if benchmark["sensitivity"] is None:
         return None
     rows = tuple(

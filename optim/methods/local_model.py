@@ -187,7 +187,7 @@ def solve_program(
 
 
 def _crests(values: Array, count: int) -> Places:
-    """Places of the largest values, of neighbours in time only the largest."""
+    """Indices of the largest values, of neighbours in time only the largest."""
     before, after = np.append(-np.inf, values[:-1]), np.append(values[1:], -np.inf)
     crests = np.flatnonzero((values >= before) & (values > after) & np.isfinite(values))
     if not len(crests):

@@ -14,7 +14,7 @@ class SearchSettings:
     """Settings of a method, on which the journal of a run depends."""
 
     def fingerprint(self, *others: object) -> str:
-        """Hash of the settings and of what else a journal of such a run depends on, but for the problem."""
+        """Hash of everything on which a journal depends except the problem: method, seed and settings."""
         return hashlib.sha256(repr((self, *others)).encode()).hexdigest()
 
 

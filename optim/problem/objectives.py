@@ -206,5 +206,5 @@ def tip_errors(signals: Signals, scene: Scene) -> ca.SX:
 
 
 def error_rows(scene: Scene) -> list[int]:
-    """Places in ``tip_error`` of the axes that tips can move along, tip by tip."""
+    """Indices in ``tip_error`` of the axes that tips can move along, tip by tip."""
     return [3 * i + axis for i in range(len(scene.tips)) for axis in scene.translation_axes]

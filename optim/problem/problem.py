@@ -34,11 +34,7 @@ class Evaluation:
 
     @property
     def violation(self) -> Array:
-        """Largest violation of a constraint (N,); infinite where the objective or the violation is not
-        finite.
-
-        It is zero where all constraints are met.
-        """
+        """Largest violation of a constraint (N,), at least zero; infinite where a rollout diverged."""
         worst = np.maximum(self.constraints, 0.0).max(axis=1, initial=0.0)
         return np.where(np.isfinite(self.objective) & np.isfinite(worst), worst, np.inf)
 

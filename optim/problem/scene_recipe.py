@@ -63,7 +63,7 @@ class BuildRecipe:
 
     @property
     def key(self) -> str:
-        """Hash of it."""
+        """Hash of the recipe."""
         plain = [asdict(self.scene), self.make.__qualname__, self.options]
         return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()
 

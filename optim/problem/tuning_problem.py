@@ -49,7 +49,7 @@ class ProblemRecipe:
 
     @cached_property
     def key(self) -> str:
-        """Hash of it; a function is another one whenever it is given."""
+        """Hash of the recipe; each call with a Python objective counts as another function."""
         objective_id = None if self.objective is None else uuid.uuid4().hex
         plain = [asdict(self.scene), self.chosen, self.variant, self.also_vary, objective_id, self.halvings]
         return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()

@@ -111,7 +111,7 @@ def variables_of(
 
 
 def at_bound(names: Sequence[str], u: Array) -> dict[str, str]:
-    """Variables that are at or beyond a bound at a point u (k,), and in words where, by name."""
+    """Variables at or beyond a bound at a point u (k,), each with a text such as ``at its lower bound``."""
     bounds_reached = {}
     for name, x in zip(names, u, strict=True):
         if not NEAR_BOUND < x < 1 - NEAR_BOUND:

@@ -259,7 +259,7 @@ class RobustTuningResult(Tabular):
     statistic: Statistic
 
     def save(self, folder: StrPath) -> None:
-        """Write ``robust.json``, and ``scenario.yaml`` with the gains unless a result of it is there.
+        """Write ``robust.json``, and ``scenario.yaml`` with the gains unless the folder has a result of it.
 
         The folder is then a set of gains for a campaign.
 
@@ -374,10 +374,10 @@ def tune_robust(
         problem: Problem of :func:`build_robust`; or a scene, or the name or file of its scenario, for the
             worst case.
         method: ``ga``, ``de``, ``pso``, ``cmaes`` or ``nlp``.
-        effort: How much may be done; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, in place of
-            those of the tuning section, which holds where nothing is given.
+        effort: Budget of the method; or ``budget``, ``runs``, ``starts``, ``seed``, ... by name, which
+            replace those of the tuning section. None takes those of the section.
         fresh: Number of fresh samples.
-        folder: Folder of the journals; a killed call, made again, resumes.
+        folder: Folder of the journals, from which an interrupted call resumes.
         progress: Callback for progress.
 
     Raises:

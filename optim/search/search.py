@@ -14,7 +14,7 @@ from spacerobot.common.arrays import Array
 
 FEASIBLE = 1e-6  # largest violation of a constraint, relative to its limit, that counts as none
 NOT_APPLICABLE = "not applicable"
-"""Status of a search whose method cannot solve the problem; its message begins with what it needs."""
+"""Status of a search whose method cannot solve the problem; its message begins with the reason."""
 KEPT_BYTES = 100_000  # larger samples and derivatives are not kept in journals but computed anew
 
 

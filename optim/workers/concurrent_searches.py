@@ -34,8 +34,9 @@ class TurnLock:
 
     @contextmanager
     def away(self) -> Iterator[None]:
-        """Context in which this search waits and another one computes; without effect outside
-        :meth:`together`.
+        """Context in which this search waits and another one computes.
+
+        It has no effect outside :meth:`together`.
 
         Raises:
             KeyboardInterrupt: If all searches are to stop.

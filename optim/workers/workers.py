@@ -32,7 +32,7 @@ class Recipe(Protocol):
 
     @property
     def key(self) -> str:
-        """Hash of it."""
+        """Hash of the recipe."""
 
     def build(self) -> Any:
         """Build the object."""

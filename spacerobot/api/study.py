@@ -32,8 +32,7 @@ class Playback:
 
 
 class Study(Tabular):
-    """Result of several simulations or of an optimisation: a campaign, a comparison, a plan, a study of
-    plans.
+    """Result of several simulations or of an optimisation: campaign, comparison, plan or study of plans.
 
     Attributes:
         name: Name of the kind of study in messages.

@@ -76,9 +76,13 @@ def section_context(scene: Scene, parameters: Parameters) -> SectionContext:
 
 @dataclass(frozen=True)
 class EvaluatedLoop:
-    """Expressions of the complete loop: contributions with all states after (q, v) and all events, results.
+    """Expressions of the complete loop.
 
-    The results are acceleration and actuator forces (nv x 1 each), works, variables and outputs.
+    Attributes:
+        acting: Sum of all contributions, with all events and all states except (q, v).
+        acceleration, torque: Acceleration v', and generalized forces of the actuators (nv x 1 each).
+        works: Works of the energy balance.
+        variables, outputs: Descriptions and expressions of the outputs.
     """
 
     acting: Contribution

@@ -137,7 +137,7 @@ class HeldReader:
         return filled(intact, parts.break_point("measurement", names, entries))
 
     def _estimate(self, signal: str, value: ca.SX, world: ca.SX | None, point: ca.SX | None) -> ca.SX:
-        """Estimated value of a signal; of the target's velocity at a point of it, else at its root link."""
+        """Estimate of a signal; the target's velocity is that of ``point``, by default of its root link."""
         plant = self.sensors.parts.plant
         if signal == "target_velocity":
             target = self.sensors.parts.scene.target

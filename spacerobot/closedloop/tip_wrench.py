@@ -195,5 +195,5 @@ def _beyond(scene: Scene, tip: SceneTip, flange: Flange) -> tuple[int, tuple[str
 
 
 def _link_of(model: Any, tip: SceneTip) -> str:
-    """Name in the URDF of the link that a tip is."""
+    """Name of a tip's link in the URDF."""
     return str(model.frames[tip.frame].name).removeprefix(f"{tip.body.name}/")

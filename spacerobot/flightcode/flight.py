@@ -146,7 +146,7 @@ class ControlledFlight:
 
     @functools.cached_property
     def _numbers(self) -> dict[str, int]:
-        """Places of the loop's events by name."""
+        """Indices of the loop's events by name."""
         return {rule.name: number for number, rule in enumerate(self.loop.events)}
 
     def _parts(self, start: Array) -> tuple[float, Array, Array]:

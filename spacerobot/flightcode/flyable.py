@@ -39,7 +39,7 @@ def prepared_scene(scene: Scene) -> Scene:
 
 
 def plans(scene: Scene) -> dict[str, Sequence[str]]:
-    """Parameters that plans from outside replace, dotted paths by a name."""
+    """Parameters that uploaded plans replace: their dotted paths, by the name of the table."""
     plans = dict[str, Sequence[str]]()
     for path, controller in controllers(scene):
         if isinstance(controller, RobotController) and controller.replanning is not None:

@@ -33,7 +33,7 @@ class Field:
         initial: Values at the start (n,).
         text, unit, frame: Description, SI unit, and frame.
         period_s: Time between two changes [s]; zero for values of the present instant.
-        places: Places of the numbers in the closed loop: in its state x, or in its constants c of switches
+        places: Indices of the numbers in the closed loop: in its state x, or in its constants c of switches
             and noise, or in its parameters p of plans.
     """
 

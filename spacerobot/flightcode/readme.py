@@ -207,7 +207,7 @@ def _function_table(software: OnboardSoftware, measured: Mapping[str, FunctionRe
 
 
 def _longest_step(software: OnboardSoftware, measured: Mapping[str, FunctionReport]) -> str:
-    """Time of a step in which all tasks are due, and the period of steps."""
+    """Sentence on the duration of a step in which all tasks run, and on the period of steps."""
     steps = [task for task in software.functions if task not in software.entries and task.name in measured]
     worst = sum(measured[task.name].worst_ns for task in steps) / 1e3
     tick = float(software.tick) * 1e6

@@ -26,7 +26,7 @@ class Segment:
 
     Attributes:
         measures: Measures of the rollouts by name (n, k).
-        fired: Places of their events in the closed loop's list.
+        fired: Indices of their events in the closed loop.
         ended: Whether an event of the scenario ended the simulation (n,).
         causes: Reason why a rollout was lost; empty for the others.
         reached_s: Time from the beginning of the step that was reached (n,) [s].
@@ -115,11 +115,11 @@ class Episodes:
         self._last: dict[str, Array] = {}
 
     def begin(self, rows: Rows, generators: Sequence[np.random.Generator]) -> Array:
-        """Begin new episodes in drawn initial states.
+        """Begin new episodes in random initial states.
 
         Args:
-            rows: Places of the episodes (n,).
-            generators: Generator of each.
+            rows: Indices of the episodes (n,).
+            generators: Random number generator of each episode.
 
         Returns:
             numpy.ndarray: Observations (n, no).
@@ -144,7 +144,7 @@ class Episodes:
         """Hold actions (n, m) for one period.
 
         Args:
-            rows: Places of the episodes (n,).
+            rows: Indices of the episodes (n,).
             actions: Actions of each, clipped to -1 and 1.
         """
         task = self.task

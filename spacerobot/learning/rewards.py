@@ -25,7 +25,7 @@ class OutputPart:
 
     Attributes:
         name: Name of the output.
-        places: Places of the components.
+        places: Indices of the components.
     """
 
     name: str

@@ -116,7 +116,7 @@ class SceneTask:
         period, duration, steps: Time between two actions [s], duration of an episode [s], and its steps.
         observation_names, action_names: Name of each component.
         high: Bounds of the observations (n,).
-        drawn: Places of the drawn parameters.
+        drawn: Indices of the drawn parameters.
 
     Args:
         scenario: A scene, the name or file of its scenario, or the name of an environment that ships.
@@ -218,7 +218,7 @@ class SceneTask:
         return loop
 
     def _output(self, loop: ClosedLoop, name: str, option: str) -> OutputPart:
-        """Output of the closed loop by the name of an output or a measurement, or a part of it."""
+        """Output of the closed loop, or one component, by the name of an output or a measurement."""
         stem, _, label = name.removesuffix("]").partition("[")
         names = loop.outputs.name_out()
         full = f"{KEY}{INPUT}{stem}"
@@ -311,7 +311,7 @@ class SceneTask:
         return Measures(context.signals, {**self.quantity_measures, **outputs})
 
     def _prepare_actions(self, actions: Sequence[Any]) -> None:
-        """Places of the actions in the row of parameters, time, state and switches of a rollout."""
+        """Indices of the actions in the row of parameters, time, state and switches of a rollout."""
         self.action_names = [one.name for one in actions]
         held = {name: 1 + i for i, name in enumerate(self.loop.state_names)}
         numbers = {path: i for i, path in enumerate(self.loop.parameter_paths)}
@@ -387,7 +387,7 @@ class SceneTask:
         }
 
     def words(self, fired: Sequence[int]) -> list[str]:
-        """Kinds and names of events, by their places in the closed loop."""
+        """Kinds and names of events, by their indices in the closed loop."""
         rules = [self.loop.events[place] for place in fired]
         return [word for rule in rules for word in dict.fromkeys((rule.kind, rule.name))]
 

@@ -27,8 +27,8 @@ class BatchProgress:
     """Progress of a batch.
 
     Attributes:
-        done, total: Rollouts.
-        wall_s: Time since it began.
+        done, total: Number of finished rollouts and of all rollouts.
+        wall_s: Elapsed time [s].
     """
 
     done: int

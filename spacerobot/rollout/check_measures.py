@@ -26,7 +26,8 @@ def check_measures(loop: ClosedLoopFunctions, measures: Measures, outputs: Seque
         outputs: The loop's outputs as expressions, in their order, each (n,).
 
     Raises:
-        SpaceRobotError: Names the measure or cost, the signal, and the labels for which that exists.
+        SpaceRobotError: If there is one; the message names it, its signal, and the labels that the signal
+            has.
     """
     symbols = measures.signals.outputs
     absent = {

@@ -123,7 +123,7 @@ class ClosedLoopFunctions(LoopParameters, Protocol):
 
     @property
     def switches(self) -> tuple[int, ...]:
-        """Places in c of the switches, 1 (on) or 0 (off); ``setup`` gives their first values as constants."""
+        """Indices in c of the switches, 1 (on) or 0 (off); ``setup`` sets their initial values."""
 
     @property
     def events(self) -> Sequence[EventRule]:

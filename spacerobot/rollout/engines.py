@@ -91,7 +91,7 @@ def compile_kernel(
 
     Args:
         kernel: What to compile; with the reverse functions if ``adjoint``.
-        lanes: Rollouts carried at once.
+        lanes: Number of rollouts that are integrated together.
         toolchain: What to compile with; found if None.
         adjoint: Whether to build the adjoint as well.
         progress: As for :func:`compile_functions`.
@@ -130,7 +130,7 @@ class CompiledLoops:
 
     @property
     def lanes(self) -> int:
-        """Rollouts carried at once."""
+        """Number of rollouts that are integrated together."""
         return self.library.lanes
 
     def run(self, name: str, *structures: ctypes.Structure) -> int:
@@ -171,7 +171,7 @@ class Engine:
 
     @property
     def lanes(self) -> int:
-        """Rollouts carried at once."""
+        """Number of rollouts that are integrated together."""
         return self.loops.lanes
 
     def rollouts(

@@ -13,7 +13,7 @@ from spacerobot.symbolic import NoiseTable
 
 @dataclass(frozen=True)
 class NoiseInput:
-    """Random numbers of a closed loop, and the places in p of the parameters that decide each rule's."""
+    """Random numbers of a closed loop, and the indices in p of the parameters that determine each rule's."""
 
     rules: tuple[NoiseTable, ...] = ()
     places: tuple[tuple[int, int], ...] = ()

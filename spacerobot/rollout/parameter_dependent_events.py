@@ -22,8 +22,8 @@ def moving_events(kernel: Kernel, wrt: Sequence[int], reached: Collection[int]) 
 
     Args:
         kernel: The forward functions.
-        wrt: Places in p of the parameters.
-        reached: Places in c of the prepared constants that depend on them.
+        wrt: Indices in p of the parameters.
+        reached: Indices in c of the prepared constants that depend on them.
 
     Returns:
         tuple of bool: One for each event.

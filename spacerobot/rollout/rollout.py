@@ -131,7 +131,7 @@ class Rollout(Tabular):
         return values
 
     def indices(self, paths: Sequence[str]) -> list[int]:
-        """Places of parameters in p.
+        """Indices of parameters in p.
 
         Raises:
             SpaceRobotError: A path does not exist, or is named twice.
@@ -462,7 +462,7 @@ class Rollout(Tabular):
         return replace(result, backend=engine.backend, wall_s=time.perf_counter() - begin)
 
     def _output_rows(self, outputs: Sequence[str]) -> list[int]:
-        """Places in y of named outputs."""
+        """Indices in y of named outputs."""
         places = self.kernel.outputs
         for name in outputs:
             if name not in places:

@@ -70,7 +70,7 @@ def cells(tables: Sequence[WindowTable]) -> Iterator[tuple[int, int, int]]:
 
 
 def sources(tables: Sequence[WindowTable]) -> set[int]:
-    """Places in c that no function sees."""
+    """Indices in c that no function sees."""
     return {place for _, place, _ in cells(tables)}
 
 

@@ -179,7 +179,7 @@ class Program:
 
     @property
     def address(self) -> int:
-        """Place in memory, as long as this object lives."""
+        """Address of the data in memory, valid while this object exists."""
         return ctypes.addressof(self._addresses)
 
     def __call__(self, *arguments: npt.ArrayLike) -> list[Array]:

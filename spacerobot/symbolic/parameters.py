@@ -197,7 +197,7 @@ class Constants:
 
     @property
     def tables(self) -> tuple[WindowTable, ...]:
-        """Places of the tables in c."""
+        """Indices of the tables in c."""
         return tuple(self._tables.values())
 
     def hoist(self, name: str, expression: ca.SX) -> ca.SX:

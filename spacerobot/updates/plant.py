@@ -38,11 +38,11 @@ def input_variables(variables: Sequence[OutputVariable]) -> list[OutputVariable]
 
 @dataclass
 class Ends:
-    """Ends of rollouts of one duration.
+    """States at the ends of n rollouts of the same duration.
 
     Attributes:
-        start: Time, state and switches there (n, 1 + nx + ns), from which the next rollouts begin.
-        inputs: Inputs of controllers at the ends, one mapping for each rollout.
+        start: Time, state and switches (n, 1 + nx + ns), from which the next rollouts begin.
+        inputs: Inputs of the controllers, one mapping for each rollout.
     """
 
     start: Array

@@ -190,7 +190,7 @@ def _meeting_points(surface: TriangleMesh, owner: Indices, mean: Array) -> Array
 
 
 def _numbered(rows: Indices) -> Indices:
-    """A number (n,) from 0 for each different row (n, c) of numbers from 0."""
+    """Index (n,) of each row (n, c) of nonnegative numbers among the distinct rows."""
     numbers = np.zeros(len(rows), dtype=np.int64)
     for column in rows.T:
         _, numbers = np.unique(numbers * (column.max(initial=0) + 1) + column, return_inverse=True)
@@ -198,7 +198,7 @@ def _numbered(rows: Indices) -> Indices:
 
 
 def _sums(owner: Indices, values: Array, size: int) -> Array:
-    """Sums (size, c) of the rows (n, c) that each owner has."""
+    """Sums (size, c) of the rows (n, c) with the same index ``owner``."""
     return np.stack([np.bincount(owner, column, minlength=size) for column in values.T], axis=1)
 
 

@@ -225,7 +225,7 @@ def sample_motion(
 
 
 def passive_positions(scene: Scene) -> list[int]:
-    """Places in q of the joints of flexible links."""
+    """Indices in q of the joints of flexible links."""
     return [int(scene.model.idx_qs[joint]) for body in scene.bodies for joint in body.passive]
 
 

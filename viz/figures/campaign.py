@@ -43,8 +43,9 @@ class SampleSpread:
 def robustness(
     samples: Mapping[str, ArrayLike], *, quantity: str, unit: str, limit: float | None = None
 ) -> Drawing:
-    """Cumulative distribution of a quantity over perturbed runs for each design, with median and 95 %
-    quantile.
+    """Cumulative distribution of a quantity over perturbed runs for each design, with two quantiles.
+
+    The marked quantiles are the median and that of 95 %.
 
     Args:
         samples, quantity, unit, limit: See :class:`SampleSpread`.

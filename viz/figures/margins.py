@@ -79,8 +79,9 @@ def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) ->
 
 @styled
 def margins_along(analysis: MarginAnalysis, title: str) -> Drawing:
-    """Disk and phase margins of the loops with the smallest disk margins over time, with captures and
-    releases.
+    """Disk and phase margins over time, of the loops with the smallest disk margins.
+
+    Captures and releases are marked.
 
     Args:
         analysis: Margins at instants along a simulation.

@@ -88,8 +88,9 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
 
 @styled
 def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
-    """Motion of driven bases since the start, their rates, and what drives them, with limits; active ones are
-    marked.
+    """Motion of driven bases since the start, their rates, and their forces and torques, with limits.
+
+    Active limits are marked.
 
     Args:
         plan: What stands in ``plan.nc``, with ``base_wrench``.

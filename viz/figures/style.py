@@ -191,8 +191,9 @@ def _plain_fonts() -> Iterator[None]:
 
 @contextmanager
 def drawn_for(width: str) -> Iterator[None]:
-    """Context in which figures have one of the widths of :data:`WIDTHS_MM`; in one column at most 120 mm
-    high.
+    """Context in which figures have one of the widths of :data:`WIDTHS_MM`.
+
+    Figures for one column are at most 120 mm high.
 
     Raises:
         ResultError: If there is no such width.

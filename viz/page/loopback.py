@@ -88,7 +88,7 @@ class Loopback:
         return browser.open(self.url, new=2)
 
     def wait(self) -> None:
-        """Serve until interrupted, by Ctrl-C for example, which is then done with."""
+        """Serve until interrupted, for example by Ctrl-C; returns without an exception."""
         with suppress(KeyboardInterrupt):
             while self._thread.is_alive():
                 self._thread.join(0.5)

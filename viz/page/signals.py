@@ -171,7 +171,14 @@ def signal_data(
 def _along(
     vectors: Array, names: Sequence[str], axes: Sequence[str], bounds: Array | None = None
 ) -> list[Signal]:
-    """Components of vectors (nt, k, 3) along some axes, with their bounds of that shape."""
+    """Signals of the components of k vectors along some axes.
+
+    Args:
+        vectors: Values (nt, k, 3).
+        names: Name of each vector.
+        axes: Axes, ``x``, ``y`` or ``z``.
+        bounds: Bound of each value (nt, k, 3); None without bounds.
+    """
     places = list(map("xyz".index, axes))
     return [
         Signal(f"{name} {axis}", vectors[:, k, i], bound=None if bounds is None else bounds[:, k, i])

@@ -54,7 +54,7 @@ GIF_COLOURS = {Image.Quantize.MEDIANCUT: 48, Image.Quantize.MAXCOVERAGE: 32}
 
 _UNSEEN = 12  # of 255, in each channel
 COARSE_MM = 0.5
-"""Largest tip error [mm] from which errors are printed with two decimals, else with two digits."""
+"""Maximum tip error of a recording [mm] from which on errors have two decimals; below, two digits."""
 _LONGEST_S = 20
 _MP4_FILTERS = "pad=ceil(iw/2)*2:ceil(ih/2)*2,tpad=stop_mode=clone:stop_duration=1"
 _LONGEST_ARROW = 0.06  # as a share of the scene's size
@@ -276,7 +276,15 @@ def steady(pictures: Iterable[Image.Image]) -> Iterator[Image.Image]:
 
 
 def _mp4(program: str, pictures: Iterable[bytes], form: list[str], frames_per_s: float, path: Path) -> bytes:
-    """H.264 that browsers play, the last picture held for a second; ``form``: of the pictures, for ffmpeg."""
+    """Bytes of an MP4 (H.264) that browsers can play and that shows the last picture for a second.
+
+    Args:
+        program: Path of ffmpeg.
+        pictures: Encoded or raw pictures.
+        form: Options of ffmpeg for the format of the pictures.
+        frames_per_s: Frame rate [1/s].
+        path: File of the recording, for errors.
+    """
     with tempfile.TemporaryDirectory() as folder:
         film, errors = Path(folder) / "made.mp4", Path(folder) / "errors.txt"
         command = [program, "-loglevel", "error", *form, "-framerate", f"{frames_per_s:g}"]

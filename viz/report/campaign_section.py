@@ -219,7 +219,11 @@ def _series(shown: CampaignReport) -> str:
 
 
 def _worst(shown: CampaignReport) -> str:
-    """Draw of each set's worst sample, a column for each, what cannot be simulated, and the commands."""
+    """HTML of the worst sample under each set of gains.
+
+    It consists of a table of the drawn parameters with a column for each set, the errors of samples that
+    cannot be simulated, and the commands that repeat the simulations.
+    """
     summary = shown.summary
     worst = {name: entry["worst"][0] for name, entry in summary["gains"].items()}
     rows = [["sample", *(str(row["sample"]) for row in worst.values())]]

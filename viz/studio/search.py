@@ -89,7 +89,7 @@ class SearchBox:
         return np.where(self.log, logs, self.upper - self.lower)
 
     def unit(self, values: Sequence[float]) -> Array:
-        """Point of the unit cube with some values, at its faces where they are beyond."""
+        """Point of the unit cube for values of the numbers, which are clipped to their bounds."""
         inside = np.clip(np.array(values, dtype=float), self.lower, self.upper)
         low = np.where(self.log, self.lower, 1.0)
         ratio = np.where(self.log, self.upper / low, 2.0)  # any but 1 where it is not used

@@ -66,7 +66,7 @@ def failing(name: str, statistics: Mapping[str, Any], summary: Mapping[str, Any]
 
 
 def failure_criteria(summary: Mapping[str, Any]) -> str:
-    """Sentence on what counts as a failure in a campaign."""
+    """Sentence on the definition of failure in a campaign."""
     causes = next(iter(summary["gains"].values()))["failure"]
     limits = ", ".join(limit_of(name, value) for name, value in summary["limits"].items())
     parts = ["diverges"]
@@ -133,7 +133,7 @@ def mixed(summary: Mapping[str, Any]) -> str | None:
 
 
 def stepping(summary: Mapping[str, Any]) -> str | None:
-    """Effect of a sensor's offset, where one is drawn."""
+    """Sentence on the step that drawn sensor offsets cause at the start; None without such offsets."""
     names = ", ".join(summary["sensor_offsets"])
     if not names:
         return None
@@ -144,7 +144,7 @@ def stepping(summary: Mapping[str, Any]) -> str | None:
 
 
 def drawn(summary: Mapping[str, Any], name: str, value: float) -> str:
-    """A parameter's draw with its unit."""
+    """Text of a parameter's draw with its unit."""
     unit = summary["units"][name]
     return f"{value:.6g}" if unit == "1" else f"{value:.6g} {unit}"
 

@@ -1,4 +1,4 @@
-"""Signals that a campaign keeps over time: which, on what grid, how large."""
+"""Signals that a campaign records over time: names, time grid and size."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""Trust in a campaign's rollouts: each is checked by its ledger at the end, momenta and energy,
-and by the indentation of its contacts, by the limits of :mod:`spacerobot.result.trust`.
+"""Measures of trust in a campaign's rollouts.
+
+They are the drift of momenta, the residual of the energy balance and the indentation of contacts, with the
+limits of :mod:`spacerobot.result.trust`.
 """
 
 from __future__ import annotations

@@ -196,7 +196,7 @@ class Stage:
     def parting(self) -> ca.SX:
         """Relative acceleration of tip and target at rigid grasps (nw x 1) [m/s^2, rad/s^2].
 
-        Zero in a motion.
+        A constraint of the plan sets it to zero.
         """
         state, rate = ca.vertcat(self.q, self.v), ca.vertcat(self.rate, self.a)
         return ca.jtimes(tip_slip(self.scene, self.kinematics, self.grips), state, rate)

@@ -271,7 +271,7 @@ class Horizon:
 
 
 def with_inertia(problem: PlanningProblem, inertia: Array | None) -> PlanningProblem:
-    """Problem with an estimate of the target's inertial parameters (10,); as it is if None."""
+    """Problem with an estimate of the target's inertial parameters (10,); unchanged if None."""
     return problem if inertia is None else dataclasses.replace(problem, inertia=inertia)
 
 

@@ -35,7 +35,7 @@ STEPS = 60
 MET, MISSED = 1e-6, 1e-4
 """Residual below which a goal is met, and above which it is refused [m, rad]."""
 FIRM = 30.0
-"""Weight of the centre-of-mass rows relative to the goals', so that an unreachable goal is what is missed."""
+"""Weight of the rows of centres of mass relative to those of goals, so that only goals are missed."""
 NAMED = 3
 """Maximum number of missed goals that the message names."""
 
@@ -173,7 +173,10 @@ class _Postures:
         }
 
     def _residual(self, q: Array, part: float) -> tuple[Array, Array]:
-        """Residual, zero where limits are satisfied, and its derivatives by columns and time share."""
+        """Residual (n,) of a posture, and its derivatives by the free coordinates and by the time (n, k + 1).
+
+        Rows of constraints are zero where the limits hold; the last rows compare centres of mass.
+        """
         lower, upper = (np.array([getattr(row, key) for row in self.rows]) for key in ("lower", "upper"))
         scale = np.array([row.scale for row in self.rows])
         value, slopes = (np.array(x) for x in self.values(q))

@@ -13,7 +13,7 @@ INTERRUPT = "KeyboardInterrupt"
 
 
 class CasadiMessages:
-    """Standard error that collects what one thread writes and passes on what other threads write.
+    """Standard error that collects the output of one thread and passes on that of other threads.
 
     Args:
         stream: Standard error.

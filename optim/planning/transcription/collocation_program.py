@@ -273,6 +273,6 @@ class CollocationProgram:
 
 
 def first_constrained(lobatto: Lobatto, mesh: Mesh, last: float) -> float:
-    """First mesh point, as share of the duration, of a constraint on the last part ``last`` of it."""
+    """First mesh point, as a fraction of the duration, of a constraint on its last fraction ``last``."""
     share = lobatto.times(mesh, 1.0)
     return float(share[share >= 1 - last - 1e-12][0])

@@ -321,7 +321,7 @@ def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: l
 
 
 def base_shifts(problem: PlanningProblem) -> list[int]:
-    """Places in v of the velocities of bases that forces drive.
+    """Indices in v of the velocities of bases that forces drive.
 
     Positions are linear in them, so that inverse kinematics needs no bound of its steps along them, which may
     be as long as the distance of a rendezvous.

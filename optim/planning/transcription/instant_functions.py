@@ -96,7 +96,7 @@ def extended(
 
 
 def with_values_of(instants: InstantFunctions, problem: PlanningProblem) -> InstantFunctions:
-    """Functions with interpreted values of a problem that differs in numbers only; without derivatives."""
+    """Functions with the values of a problem that has other numbers, interpreted and without derivatives."""
     values = _instants(problem, _rows(problem), "interpreted", derivatives=False)
     return dataclasses.replace(instants, call=values.call, backend="interpreted")
 
@@ -205,7 +205,7 @@ def derived(
 
 
 def _inputs(z: ca.SX, held: ca.SX | None, constant: ca.SX | None) -> list[ca.SX]:
-    """First inputs of functions of rows."""
+    """Inputs of a function of rows: (z; constant) as one vector, then ``held`` if there is any."""
     first = z if constant is None else ca.vertcat(z, constant)
     return [first] if held is None else [first, held]
 

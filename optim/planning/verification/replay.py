@@ -286,7 +286,10 @@ def tip_errors(motion: Motion, states: Array) -> Mapping[str, Array]:
 
 
 def _summed(polynomials: Sequence[Array], place: ca.SX, values: ca.SX) -> ca.SX:
-    """Values (n x s) times polynomials of a place in 0 .. 1, coefficients lowest first: (n x 1)."""
+    """Sum (n x 1) of the columns of values (n x s), each times its polynomial at ``place`` in 0 .. 1.
+
+    The coefficients of a polynomial begin with the constant one.
+    """
     total = ca.SX(values.size1(), 1)
     for k, row in enumerate(polynomials):
         weight = ca.SX(0)

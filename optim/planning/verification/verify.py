@@ -104,7 +104,7 @@ class VerificationResult:
 
     @property
     def exceeded(self) -> tuple[Violation, ...]:
-        """Violations that are too great."""
+        """Violations larger than allowed."""
         return tuple(v for v in self.violations if v.amount > v.allowed)
 
     def failures(self) -> list[str]:

@@ -22,8 +22,9 @@ ROLLOUTS = 16  # of a line at most, about
 
 @registered
 class LineSampling(ProbabilityEstimator):
-    """Distance to failure along parallel lines (Koutsourelakis, Pradlwarter and Schueller, Probabilistic
-    Engineering Mechanics 19, 2004).
+    """Line sampling: distance to failure along parallel lines.
+
+    See Koutsourelakis, Pradlwarter and Schueller (Probabilistic Engineering Mechanics 19, 2004).
 
     Each line is taken to cross the surface of failure once: of several regions of failure it sees one.
     """

@@ -116,11 +116,11 @@ class Actuator(RobotElement):
         return []
 
     def locks(self, joints: Sequence[str]) -> list[str]:
-        """Joints of a robot that it may hold, with the controllers' knowledge."""
+        """Names of the joints that it may lock such that controllers are informed."""
         del joints
         return []
 
     def owns(self, joints: Sequence[str]) -> list[str]:
-        """Joints of a robot that it owns, such as a wheel's: the arm's controllers do not see them."""
+        """Names of the joints that it owns, such as those of wheels, which arm controllers do not see."""
         del joints
         return []

@@ -119,7 +119,10 @@ def allocate(layout: ThrusterLayout, wrench: ca.SX, steps: int) -> ca.SX:
 
 
 def steps_needed(matrix: Array, propellant: Array) -> int:
-    """Count the kinks of paths to random wrenches inside and outside the attainable set; a multiple of m + n.
+    """Maximum number of kinks for :func:`allocate`: 1.25 times that of paths to random wrenches.
+
+    The wrenches lie inside and outside the attainable set. The result is rounded up to a multiple of m + n,
+    and at most 3 (m + n).
 
     Args:
         matrix, propellant: Numbers for :meth:`ThrusterLayout.of`.

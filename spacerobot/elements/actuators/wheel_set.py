@@ -315,7 +315,7 @@ def names_of(actuator: ActuatorContext, count: int) -> list[str]:
 
 
 def base_rotation_axes(actuator: ActuatorContext) -> tuple[tuple[int, ...], list[int]]:
-    """Places in v of the base's angular velocity, and which of the root link's axes they are about."""
+    """Indices in v of the base's angular velocity, and which of the root link's axes they are about."""
     columns = actuator.base_columns
     return (columns[2:], [2]) if len(columns) == 3 else (columns[3:], [0, 1, 2])
 

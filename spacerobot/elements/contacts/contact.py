@@ -206,7 +206,10 @@ class ContactForce:
 def booked(
     contact: ContactContext, touching: Sequence[ContactPair], presses: Sequence[ContactForce]
 ) -> Contribution:
-    """Wrenches of all pairs, their power, and outputs: sums over pairs, and the state of the nearest pair."""
+    """Contribution of a contact: wrenches of all pairs of shapes, dissipated power and outputs.
+
+    Forces are summed over the pairs; gap, point and velocity are those of the nearest pair.
+    """
     nearest = touching[0]
     for touch in touching[1:]:
         nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity", "speed")

@@ -43,7 +43,7 @@ class FreeBase:
         Args:
             plant: Mechanics now.
             base_joint: Id of the floating base's joint; 0 for a fixed base.
-            columns: Places of the joints in v (n).
+            columns: Indices of the joints in v (n).
             added: Inertia (nv x nv) and bias (nv x 1) of a payload; None without one.
         """
         joint, joints = plant.model.joints[base_joint], list(columns)

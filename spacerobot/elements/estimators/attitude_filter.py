@@ -254,7 +254,11 @@ class _AttitudeFilterLaw:
         error = ca.mtimes(estimate, self.true.T)
 
         def turned(vector: ca.SX) -> ca.SX:
-            """Rotation vector from any attitude to the estimated one, from that to the true one."""
+            """Rotation vector to the estimated attitude from an attitude whose vector to the true one is
+            given.
+
+            With exp(vector) = R_true R^T it is log(R_estimated R_true^T exp(vector)).
+            """
             return rotation_log(ca.mtimes(error, rotation_exp(vector)))
 
         # innovations of the star tracker

@@ -22,7 +22,7 @@ HELD_INERTIA = "held_inertia"
 
 @dataclass(frozen=True)
 class TargetModel:
-    """The target as it is at the start by the scenario's numbers, one rigid body.
+    """Target at the start, as one rigid body with the scenario's numbers.
 
     Attributes:
         root, links: Frames of its root link, and of all links by name, in the model.

@@ -154,7 +154,7 @@ class InertiaFilter(Estimator):
 
 
 class _InertiaFilterLaw:
-    """States and expressions of one filter; see above."""
+    """States and expressions of one filter, as in the module's equations."""
 
     def __init__(self, config: InertiaFilter, robot: EstimatorContext) -> None:
         self.config, self.robot, plant = config, robot, robot.plant

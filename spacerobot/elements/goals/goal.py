@@ -148,7 +148,11 @@ class Goal(Element):
         raise NotImplementedError
 
     def kept(self, own: Reference | None) -> dict[str, Any]:
-        """Section of a reference that keeps the goal satisfied; ``own`` is the tip's reference afterwards."""
+        """Section of a reference that keeps the goal satisfied after the plan.
+
+        Args:
+            own: Reference of the tip after the plan by the scenario.
+        """
         del own
         return {"kind": "hold"}
 

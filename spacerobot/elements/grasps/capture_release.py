@@ -74,17 +74,17 @@ class _GraspLifecycle:
 
     @functools.cached_property
     def inside(self) -> ca.SX:
-        """Switch (1x1): inside its envelope, waiting for the dwell time to pass."""
+        """Switch (1x1): nonzero while the tip is inside the capture envelope and the dwell time elapses."""
         return self.grasp.context.switch("inside")
 
     @functools.cached_property
     def drawn(self) -> ca.SX:
-        """Switch (1x1): being drawn in."""
+        """Switch (1x1): nonzero while the tip is drawn in."""
         return self.grasp.context.switch("drawn")
 
     @functools.cached_property
     def released(self) -> ca.SX:
-        """Switch (1x1): it is released, and does not close again unless a phase allows it."""
+        """Switch (1x1): nonzero after the release; the grasp then closes again only if a phase allows it."""
         return self.grasp.context.switch("released")
 
     @functools.cached_property

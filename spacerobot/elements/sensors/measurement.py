@@ -85,7 +85,7 @@ class SensorErrors(PeriodicSection):
 
 
 class SensorFailure(Failure):
-    """Failure of a sensor; controllers and filters do not know of it."""
+    """Failure of a sensor, which controllers and filters are not informed of."""
 
     mode: Literal["frozen", "drifting", "lost"] = Field(
         default="frozen",
