@@ -74,16 +74,16 @@ class JsonResult(Tabular):
 
 
 def write_design(folder: StrPath, file: str, data: dict[str, Any], scene: Scene) -> None:
-    """Write a JSON file about a design, and ``scenario.yaml`` unless a result of the design is there.
+    """Write a JSON file about a design, and ``scenario.yaml`` unless the folder has a result of the design.
 
     Args:
         folder: Folder of the design.
-        file: Name of the file, by which the folder is known.
+        file: Name of the file, which identifies folders of this kind.
         data: Content of the file.
         scene: Scene of the design.
 
     Raises:
-        ResultError: If the folder holds something else or cannot be written.
+        ResultError: If the folder has other content or cannot be written.
     """
     folder = Path(folder)
     check_folder(folder, file)

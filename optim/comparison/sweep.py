@@ -51,7 +51,7 @@ class SweepRun:
 
     @property
     def objectives(self) -> Array:
-        """Best of each run; infinite if it found nothing feasible."""
+        """Best objective of each run; infinite for a run without a feasible point."""
         return np.array([run.objective if run.feasible else np.inf for run in self.runs])
 
 

@@ -21,10 +21,11 @@ class Variables:
 
     Attributes:
         names: Names of the variables.
-        paths: Dotted paths that each one sets, patterns resolved.
+        paths: Dotted paths of the numbers that each variable sets.
         lower, upper: Bounds.
         log: Whether equal ratios count as equal distances.
-        start: The scenario's own values, the (geometric) mean where tied paths differ, moved into the bounds.
+        start: Values of the scenario, clipped to the bounds; if a variable sets several numbers, their mean,
+            on a log scale the geometric one.
     """
 
     names: tuple[str, ...]

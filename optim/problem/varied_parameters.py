@@ -1,4 +1,4 @@
-"""Tune what has no tuning section: free numbers named by a path, or by its end, and a range."""
+"""Design variables from the command line: a dotted path, or the end of one, and a range."""
 
 from __future__ import annotations
 

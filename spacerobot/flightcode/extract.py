@@ -81,7 +81,10 @@ def onboard_software(scene: Scene, loop: ClosedLoop) -> OnboardSoftware:
 
 @dataclass(frozen=True)
 class _Draft:
-    """Task whose expressions (n x 1 each) may read any symbol; new values by the name of the old ones."""
+    """Task before extraction: its expressions (n x 1 each) may depend on any symbol of the closed loop.
+
+    New values have the names of the states that they replace.
+    """
 
     name: str
     path: str

@@ -203,7 +203,7 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
 
 
 def _placement(origin: Array) -> Document:
-    """An origin (4, 4) as a scenario says it."""
+    """Section of the scenario for a placement (4, 4): position [m], and roll, pitch, yaw [deg]."""
     rotation = np.degrees(pin.rpy.matrixToRpy(np.array(origin[:3, :3])))
     return {"position": origin[:3, 3].tolist(), "rotation_deg": (rotation + 0.0).tolist()}
 

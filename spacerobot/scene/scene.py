@@ -74,7 +74,7 @@ class SceneBody:
 
     @property
     def driven_joints(self) -> tuple[int, ...]:
-        """Ids of its free joints that controllers drive: none that an actuator owns or that bends."""
+        """Ids of its free joints that controllers drive, without those of actuators and flexible links."""
         return tuple(joint for joint in self.free_joints if joint not in (*self.owned, *self.passive))
 
     @property

@@ -19,8 +19,8 @@ class JointPlacements:
     """Placements of all joints' frames in the world at some configurations, the universe's first.
 
     Attributes:
-        rotation: From joint to world (nt, joints, 3, 3).
-        origin: (nt, joints, 3), m.
+        rotation: Rotations from joint to world axes (nt, joints, 3, 3).
+        origin: Origins of the joint frames (nt, joints, 3) [m].
     """
 
     rotation: Array

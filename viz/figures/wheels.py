@@ -1,4 +1,4 @@
-"""Reaction wheels, and where momentum is: the budget of robots, wheels, object and outside."""
+"""Figures of reaction wheels, and of the momentum budget of robots, wheels, object and external impulse."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def sample_statistics(data: xr.Dataset, evaluator: CampaignEvaluator) -> dict[st
 
 
 def summarise(folder: StrPath, evaluator: CampaignEvaluator) -> dict[str, Any]:
-    """Percentiles, probabilities of failure, worst samples and what matters, written to ``summary.json``.
+    """Percentiles, failure probabilities, worst samples and sensitivities, also written to ``summary.json``.
 
     Args:
         folder: A campaign's store.

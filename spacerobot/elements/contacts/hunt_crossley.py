@@ -81,6 +81,8 @@ class HuntCrossley(Contact):
             dissipation = context.once("dissipation", relative / number(f"{path}.restitution_speed"))
         energy, presses = ca.SX(1, 1), []
         for touch in touching:
+            # d' = -opening. The force stores the rate spring d' in the spring, exerts the power
+            # N opening + F_t . v_t on the bodies, and so dissipates (spring - N) opening - F_t . v_t.
             depth = ca.fmax(-touch.gap, _SHALLOWEST)
             spring = ca.if_else(touch.gap < 0, stiffness * depth**exponent, 0)
             normal = ca.fmax(spring * (1 - dissipation * touch.opening), 0)
@@ -122,9 +124,18 @@ class HuntCrossley(Contact):
 def speed_ratio(restitution: ca.SX) -> ca.SX:
     """Product x = a v of dissipation and approach speed for a coefficient of restitution e (1x1 each).
 
-    With m d'' = -k d^n (1 + a d') and v dv = d'' dd, compression and expansion pass through the same
-    indentations. So ``x - ln(1 + x) = -e x - ln(1 - e x)`` for any k, n and m. Solved by Newton's method for
-    ``w = -ln(1 - e x)``, from within 2 % of the root for every e between 0.01 and 1.
+    Two bodies of the reduced mass m meet with the speed v: m d'' = -k d^n (1 + a d'). With u = d' and
+    u du = d'' dd the variables separate,
+
+        u du / (1 + a u) = -(k / m) d^n dd,
+
+    and the left side has the integral (a u - ln(1 + a u)) / a^2. Compression leads from u = v to 0, expansion
+    from 0 to -e v, over the same indentations, so that the right sides have equal magnitudes:
+
+        x - ln(1 + x) = -e x - ln(1 - e x)
+
+    for any k, n and m. Newton's method solves it for w = -ln(1 - e x), from an approximation within 2 % of
+    the root for every e between 0.01 and 1.
     """
     e, lost_share = restitution, 1 - restitution
     near = lost_share * (1.5 - 0.5 * lost_share**2.75) / e

@@ -187,6 +187,10 @@ class _AttitudeFilterLaw:
         white = self._sample_variance
         walk = self._number("bias_walk", GYRO, "bias_walk") ** 2 * period
         covariance = symmetric(self.covariance.symbol, self._count)
+        # The mean of two samples has the error (n + n+) / 2. The part of the last sample, n, is a state, and
+        # enters by the transition, -A / 2; that of the new sample is noise: A A^T var(n) / 4 = T^2 var(n) / 4
+        # in delta, var(n) in the new state, and -A var(n) / 2 between them. The walk adds the covariances of
+        # the module's equations.
         transition, noise = ca.SX.eye(self._count), ca.SX(self._count, self._count)
         transition[:n, n : 2 * n], transition[:n, 2 * n : 3 * n] = -lever, -lever / 2
         transition[2 * n : 3 * n, 2 * n : 3 * n] = ca.SX(n, n)

@@ -264,7 +264,12 @@ class _TargetFilterLaw:
         return ca.vertcat(place, velocity, attitude, spin, ratios), transition
 
     def _noise(self, attitude: ca.SX, time: ca.SX) -> ca.SX:
-        """Process noise covariance of white accelerations over a time."""
+        """Process noise covariance of white accelerations over a time.
+
+        White acceleration of the density s integrates to a velocity with the variance s^2 T and to a position
+        with s^2 int (T - t)^2 dt = s^2 T^3 / 3; their covariance is s^2 int (T - t) dt = s^2 T^2 / 2. The
+        spin is in principal axes and the rotation about world axes, hence R in their covariance.
+        """
         number, m, n = self.robot.context.number, len(self.along), len(self.about)
         covariance = ca.SX(sum(self.errors), sum(self.errors))
         axes = attitude_of(attitude)[self.about, self.about]
@@ -319,6 +324,9 @@ class _TargetFilterLaw:
         lever = ca.mtimes(rotation, self.arm)
         position_sample, attitude_sample = self.place.value.symbol, self.attitude.value.symbol
         away = ca.norm_2(position_sample[:m] - self.camera[self.along])
+        # The camera shows r + R l with the arm l in principal axes. With R_true = exp(delta) R it is
+        # r + R l + delta x (R l) to first order, so the derivative by delta is -[R l]x. The innovation of the
+        # attitude is log(R_m (R R_l)^T) = delta + noise.
         rows = ca.SX(m + n, size)
         rows[:m, :m] = ca.SX.eye(m)
         rows[:m, 2 * m : 2 * m + n] = -skew(lever)[self.along, self.about]

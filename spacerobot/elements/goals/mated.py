@@ -77,12 +77,12 @@ class Mated(TipGoal):
 
     @property
     def rests(self) -> bool:
-        """False unless it is given, since the mating frame moves."""
+        """Whether joints are at rest at the end; false by default, since the mating frame moves."""
         return bool(self.rest)
 
     @property
     def ends_in_motion(self) -> bool:
-        """Unless they are settled."""
+        """Whether joints may move at the end: true unless the goal is ``settled``."""
         return not (self.rests or self.settled)
 
     @property

@@ -1,5 +1,6 @@
-// Reverse of every function above; the seeds and results carry the name of what they belong to with a bar, and
-// cbar has only the NW constants that the wanted parameters reach:
+// Adjoint of a rollout. The adjoint of a quantity, its name with a bar, is the derivative of the weighted costs with
+// respect to it. Each function of a kernel has a reverse, from the adjoints of its results (seeds) to those of its
+// arguments. cbar has only the NW constants that depend on the parameters of the gradient:
 //
 //   dynamics_reverse(t, x, c, vbar -> xbar, cbar, tbar)    peaks_reverse(t, x, c, mbar -> xbar, cbar, tbar)
 //   normalise_reverse(x, nbar -> xbar)                     final_reverse(t, x, c, ebar -> xbar, cbar, tbar)
@@ -7,19 +8,19 @@
 //
 //   guards_reverse(t, x, c, gbar -> xbar, cbar, tbar)      update_reverse(t, x, c, e, after_bar -> xbar, cbar, tbar)
 //
-// The last two are there where there are EVENTS. MOVING tells whether the wanted parameters may move the ends of
-// segments, that is jumps or events; tbar is empty otherwise, and that of final_reverse where there are no events.
-// JUMP_BAR holds the places of the jumps in cbar, -1 for one that stays. cbar of setup_reverse goes on with the rows of
-// tables, which no other function sees; C_BAR holds the place in it of each constant, or -1.
+// The last two exist if there are EVENTS. MOVING is whether these parameters may move the ends of segments, that is
+// jumps or events; otherwise tbar is empty. tbar of final_reverse is empty without events. JUMP_BAR has the index in
+// cbar of each jump, -1 for a constant one. cbar of setup_reverse has further entries for the rows of tables, which no
+// other function reads; C_BAR has the index in it of each constant, or -1.
 #ifndef GENERIC
 enum { NW = G::dynamics_reverse_cbar, NB = G::setup_reverse_cbar, NG = G::setup_reverse_pbar, MOVING = G::dynamics_reverse_tbar };
 #endif
 
-// An instant at which several things happened, or an event with others close by. Whether their order counts is judged
-// elsewhere, by these: when it began and ended; truth where a close event did not fire; how many things happened, and
-// the first of them from the last back: jump J as -1 - J, or an event, with truth where it had a root of its own; the
-// switches and the sides of jumps before; for each peak whether it was met there, between two things or behind all; the
-// state before, and the bar of the state behind.
+// Record of coincident events and jumps, or of an event with others close to it. Python checks with it whether their
+// order matters (coincident_events.py). first, last: times of the first and last one. missed: whether a close event did
+// not fire. number, thing: their number, and the last THINGS of them in reverse order, an event by its index or jump J as
+// -1 - J. root: whether each is a root of its own guard. mode: switches and sides of jumps before. met: for each peak
+// whether its step is among them or after all. before, bar: state before them, and adjoint of the state after them.
 enum { THINGS = 16 };
 enum Met { ELSEWHERE, BETWEEN, BEHIND };
 struct Instant {
@@ -29,7 +30,7 @@ struct Instant {
   ROW(double, before, NX);
   ROW(double, bar, NX);
 
-  // All of these, one after the other.
+  // Copy all members to consecutive numbers.
   void write(double* to) const {
     const double single[] = {first, last, missed, number};
     const double* const part[] = {single, thing, root, mode, met, before, bar};
@@ -43,14 +44,14 @@ struct AdjointJob {
   const double* seed;  // (count, NJ), the weight of each cost
   double* gradient;    // (count, NG)
   int64_t segment;     // steps between checkpoints
-  int64_t most;        // instants to be told of each rollout
-  int64_t* told;       // (count), instants in all
+  int64_t most;        // maximum number of recorded instants of a rollout
+  int64_t* told;       // (count), number of instants
   double* instant;     // (count, most, width), as Instant writes them
   int64_t width;
 };
 
-// What flows back; t and h are those of a step's beginning and length, `begin` that of a segment's beginning where an
-// event was.
+// Adjoints during the backward sweep: of the state, of the constants, of the start time t and length h of a step, and
+// of the start time of a segment that begins at an event.
 struct Bars {
   ROW(real, x, NX);
   ROW(real, c, NB + 1);
@@ -58,8 +59,8 @@ struct Bars {
 };
 
 #ifdef WITH_TABLES
-// Let windows show again what they showed during a step, if one is given; what flowed back to them meanwhile belongs to
-// their rows.
+// Restore the windows of tables to the rows of a step, if one is given, after the adjoints of the windows were added to
+// those of the rows that they held.
 static void turn_back(Trajectory& at, const real* row, Bars& bar) {
   for (int l = 0; l < LANES; ++l) {
     bool other = !row;
@@ -82,8 +83,17 @@ INLINE void accumulate(real* sum, const real* part, int n) {
   for (int i = 0; i < n; ++i) sum[i] = sum[i] + part[i];
 }
 
-// Through the stages from the last down to the first; `sum` is the bar of the solution before it is normalised, `stage`
-// has room for those of the stages' states.
+// Reverse of the stages of a Runge-Kutta step (Hager, Numerische Mathematik 87, 2000),
+//
+//   X_s = x + h sum_{j<s} A_sj k_j,    k_s = f(t + C_s h, X_s),    x1 = x + h sum_s B_s k_s,
+//
+// from the last stage to the first. With x1bar = `sum` and the adjoints Xbar_s of the stages' states in `stage`
+//
+//   kbar_s = h m_s,    m_s = B_s x1bar + sum_{j>s} A_js Xbar_j,    Xbar_s = f_x' kbar_s,
+//   xbar = x1bar + sum_s Xbar_s,    cbar += f_c' kbar_s,
+//   tbar += f_t' kbar_s,    hbar += m_s' k_s + C_s f_t' kbar_s,
+//
+// where k_s enters x1 and later stages with the factor h, hence m_s' k_s, and t + C_s h in f.
 INLINE void stages_reverse(const Record& past, const real* c, const real* sum, real* stage, Bars& bar) {
   for_stages_back(NEEDED_STAGES, [&](auto s) {
     real x[NX], seed[NX], part[NW + 1], tbar[2];
@@ -105,7 +115,7 @@ INLINE void stages_reverse(const Record& past, const real* c, const real* sum, r
   });
 }
 
-// bar.x at the end of a step becomes bar.x at its beginning; a lane that waited keeps it.
+// Reverse of a step: bar.x at its end becomes bar.x at its beginning; unchanged in a lane that waited.
 static void step_reverse(const Record& past, const real* c, Bars& bar) {
   real sum[NX], raw[NX], stage[method.STAGES * NX], kept[NX];
   combine<false>(SOLUTION, past.step.h, past.x, past.slope, raw);
@@ -118,7 +128,7 @@ static void step_reverse(const Record& past, const real* c, Bars& bar) {
   for (int i = 0; i < NX; ++i) bar.x[i] = select(past.step.busy, bar.x[i], kept[i]);
 }
 
-// Seeds of the peaks that were met at step k, or next to it where derivatives are those between steps.
+// Add the adjoints of peaks that have their value at step k, or at a step next to it if peaks lie between steps.
 static void peaks_reverse(const Job& job, int64_t k, real t, const Trajectory& at, const real* x, const real* rbar, Bars& bar) {
   real seed[PEAKS + 1], xpart[NX], cpart[NW + 1], tpart[2], here = 0.;
   for (int i = 0; i < PEAKS; ++i) {
@@ -139,13 +149,16 @@ static void peaks_reverse(const Job& job, int64_t k, real t, const Trajectory& a
   if (MOVING) bar.t = bar.t + tpart[0];
 }
 
-// The bar of the time at which a segment of lane l begins or ends: at a jump, where an event was, or at a sample.
+// Add to the adjoint of the time at which a segment of lane l begins or ends: that of a jump or of an event; a sample's
+// time is constant.
 static void end_reverse(int place, int l, double value, Bars& bar) {
   if (MOVING && place >= 0 && JUMP_BAR[place] >= 0) lane(bar.c[JUMP_BAR[place]], l) += value;
   if (place == HERE) lane(bar.begin, l) += value;
 }
 
-// From a step's beginning and length to the ends of its segment; the sides of a jump that it began at go back with it.
+// From the adjoints of a step's start time and length to those of the ends t0 and t1 of its segment. Step i of N has
+// h = (t1 - t0) / N and t = t0 + i h, hence t1bar += (hbar + i tbar) / N and t0bar += tbar - (hbar + i tbar) / N. If the
+// step begins at a jump, the dynamics before it have the jump's earlier side.
 static void ends_reverse(const Step& s, Trajectory& at, Bars& bar) {
   for (int l = 0; (JUMPS || EVENTS) && l < LANES; ++l) {
     const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
@@ -163,9 +176,18 @@ INLINE void set_switches(Trajectory& at, const real* mode) {
   for (int i = 0; i < SWITCHES; ++i) at.c[SWITCH[i]] = mode[i];
 }
 
-// Through a step that was cut short, or with which an event fired. The length tau of one that ends at a guard's root
-// follows from g(t + tau, Phi(x, t, tau)) = 0, so that every bar of the step gains mu times that of g, where mu is minus
-// the bar of tau over the derivative of g by tau. What fired at once has no root of its own.
+// Reverse of a step that was cut short, or at whose end an event fired.
+//
+// Let Phi(x, t, tau, c) be the state after a step of the length tau. If the step ends at the root of a guard, tau follows
+// from G(x, t, tau, c) = g(t + tau, Phi(x, t, tau, c), c) = 0, and by the implicit function theorem
+//
+//   dtau = -(G_x dx + G_t dt + G_c dc) / G_tau,    G_tau = g_t + g_x Phi_tau.
+//
+// With the adjoint taubar of the length, x, t and c therefore gain mu G_x', mu G_t and mu G_c' with
+// mu = -taubar / G_tau. This is the saltation of the event: at the root state and time move together. `root` has the
+// adjoints of g, sent back through the step by step_reverse. taubar is that of the step's length (bar.h) and of the
+// event's time t + tau (`end`): the update's own dependence on time, and the start of the next segment. The latter
+// depends on t directly as well, so that bar.t gains `end`. An event that fires without a step has no root of its own.
 static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
   const Happened& found = past.happened;
   const Step& s = past.step;
@@ -203,7 +225,7 @@ static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
 }
 #endif
 
-// Do the steps of a segment of the tape once more, from where it began.
+// Repeat the steps of a segment from its checkpoint, and record them on the tape.
 static void again(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
   real m[NM + 1], next[NX], c[NC + 1];
 #ifdef WITH_TABLES
@@ -236,11 +258,11 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
 #endif
 }
 
-// The instants of a group, the last one of each lane still open.
+// Recorded instants of a group of lanes; the latest one of each lane may still grow.
 struct Instants {
   Instant now[LANES];
-  int64_t told[LANES], taken[LANES];  // the step of each lane that follows
-  bool counts[LANES], moves[LANES];  // whether the one that is open shall be told; whether parameters move a thing of it
+  int64_t told[LANES], taken[LANES];  // number of instants; next step of each lane
+  bool counts[LANES], moves[LANES];  // whether the latest one is to be recorded; whether parameters move a part of it
 
   void begin(int64_t steps) {
     for (int l = 0; l < LANES; ++l) told[l] = 0, taken[l] = steps, counts[l] = moves[l] = false, now[l].first = INFINITY;
@@ -252,7 +274,7 @@ struct Instants {
   }
 };
 
-// Note what happened with step k, before the sweep goes back through it.
+// Add the event or jump at the end of step k to the record, before the sweep reverses the step.
 static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t first, int64_t k,
                           const Record& past, const Trajectory& at, const Bars& bar, Instants& all) {
   const Step& s = past.step;
@@ -285,7 +307,7 @@ static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t fir
     const int number = int(now.number++);
     for (int i = 0; i < PEAKS; ++i)
       if (lane(at.when[i], l) == next) now.met[i] = number ? BETWEEN : BEHIND;
-    double behind = 0.;  // events with roots of their own
+    double behind = 0.;  // number of later events that are roots of their own guards
     for (int i = 0; i < number && i < THINGS; ++i) behind += now.thing[i] >= 0 && now.root[i] != 0;
     if (number < THINGS) now.thing[number] = thing, now.root[number] = root;
     now.first = t, now.missed = now.missed != 0 || near > behind;

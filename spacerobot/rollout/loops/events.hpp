@@ -1,52 +1,56 @@
-// Events of hybrid motion: where each fires, and what it changes. An event fires where its guard is above zero, and a
-// guard that is not armed is minus infinity. SWITCH lists the places in c of the switches, which are constant between
-// events; SETS holds what each event makes of them (-1: leaves it), ENDS whether the rollout is over with it,
-// KINK whether it only marks where a law is not smooth, CLOCK whether it is time less that of a sample, which events alone
-// change, SILENT whether it is not told, ROUTINE whether batches do not tell it, FIXED whether no parameter that derivatives
-// are asked for moves its time. GAP lists the events whose guards are minus a gap. FINE lists switches, FINE_STEP the
-// longest step while one is on, FINE_GROW over how many of these steps grow behind its beginning, and shrink before its end.
+// Events of hybrid motion: detection, location and effect.
 //
-// Every step is tried. Where no guard is above zero at its end, it is done; else the lane takes it once more, with other
-// lengths, until the end lies behind the earliest root by less than TOLERANCE. Then the event fires, and the rest of the
-// segment is cut into steps anew. Lanes that look for a root do not hold up the others: those go on meanwhile.
+// An event fires where its guard is above zero; the guard of an event that is not armed is minus infinity. SWITCH has the
+// indices in c of the switches, which are constant between events, and SETS their values after each event, -1 for no
+// change. For each event ENDS is whether it ends the rollout, KINK whether it only marks a point where a law is not
+// smooth, CLOCK whether its guard is time minus an instant that only events change, SILENT whether it is not recorded,
+// ROUTINE whether batches do not record it, FIXED whether its time depends on no parameter of the derivatives. GAP lists
+// the events whose guards are minus a gap. FINE lists switches, FINE_STEP the longest step while one is on, and FINE_GROW
+// the number of such steps over which steps grow after it turns on, and shrink before it turns off.
 //
-// A guard counts from its level. That is zero, but where an event fires and its guard stays above zero (a ball that
-// bounces is a rounding error within the floor), what the guard is then, until it was below zero.
+// Every step is tried. If no guard is above zero at its end, it is accepted. Otherwise the lane repeats it with other
+// lengths, until its end is after the earliest root by less than TOLERANCE. Then the event fires, and the rest of the
+// segment is divided into steps again. Other lanes continue while a lane searches for a root.
 //
-// Within a step a guard is seen at a third and two thirds of it, where the slopes of its stages tell the state. The cubic
-// through these and both ends tells whether it may turn above its level in between: then the step is taken anew up to
-// there, so that of several roots the first is found, and none of a pair is missed. What the guard is at one more place
-// tells how wrong the cubic is. Where a guard that turns more often, or has kinks, may be above its level by as much, half
-// the step is tried.
+// A guard is compared with its level. The level is zero, except after an event whose guard stays above zero, such as that
+// of a bouncing ball which is below the floor by a rounding error. Then it is the guard's value at the event, until the
+// guard has been below zero.
 //
-// Where all events but clocks are kinks, as those of sixteen joints with torque limits, most steps are far from all of
-// them. The places inside are then left out, since the guards cost half of what the dynamics do: no guard may have been
-// nearer to its level than WRONG times how far it went in this step and the one before, which is at least half as long.
-// One that turns within this step by a parabola has gone eight times as far as its top is above both ends.
+// Within a step the guards are evaluated at one third and two thirds, at states from the dense output of the method. The
+// cubic through these values and those at both ends shows whether a guard may have a maximum above its level within the
+// step. If so, the step is repeated up to there, so that the first of several roots is found and no pair is missed. The
+// value at a third point measures the error of the cubic. If a guard with more extrema, or with kinks, may exceed its
+// level by that error, half the step is tried.
 //
-// Of guards that rise within one and the same step, the second fires with a step of length zero that ends at its own
-// root, so that its time moves with the parameters as its own guard has it. A job done `backwards` lets what is together
-// fire the other way round: sensitivities that are the same do not depend on the order.
+// If all events except clocks are kinks, such as those of sixteen joints with torque limits, most steps are far from all
+// of them. The evaluations within the step cost half as much as the dynamics, and are left out if no guard has been nearer
+// to its level than WRONG times its change over this step and over the one before, which is at least half as long. A
+// parabola with its top in the middle of this step, a (h/2)^2 above both ends, changes over a preceding step of the
+// length h by a ((3h/2)^2 - (h/2)^2), eight times as much, and over one of the length h/2 three times as much.
+//
+// Of two guards that rise in the same step, the second fires after a step of length zero that ends at its own root, so
+// that its time depends on the parameters by its own guard. With `backwards` a job fires coincident events in the reverse
+// order; sensitivities that agree do not depend on the order.
 #ifndef GENERIC
 static_assert(Method::B[0] != 0, "the first slope of a step must be there at its end");
 #endif
 
-constexpr double TOLERANCE = 1e-12;   // of an event's time, s; backwards it is found behind all that is together
-constexpr double SHORTEST = 1e-4;     // part of a step after which a guard's peak is looked for
-constexpr double GRAZES = 1e-3;       // part of a step within which a guard that grazes turns back
-constexpr double MARGIN = 0.05;       // part of its bend that a guard's cubic may be wrong
-constexpr double UNSURE = 0.01;       // part of it by which it is wrong where half the step is tried
-constexpr double WRONG = 12;          // a guard may be above its cubic by so many times what that is wrong by at CHECK
-constexpr double DEEP = 1e-6;         // no contact is missed that is deeper than this, m
-enum { CHECK = 2 };                   // which of the places inside checks the cubic
-constexpr double EARLY = 5e-13;       // a clock's guard is above zero so long before its instant, s
-enum { LOOKS = 1000 };                // at gaps within a step, before it is halved
-enum { SECANTS = 8, TRIES = 60 };     // lengths tried at peaks, or before they are halved; in all
-enum { BURST = 100 };                 // more events than that within one step are chattering
+constexpr double TOLERANCE = 1e-12;   // of an event's time, s; backwards it is located after all coincident events
+constexpr double SHORTEST = 1e-4;     // fraction of a step from which on maxima of guards are searched for
+constexpr double GRAZES = 1e-3;       // fraction of a step within which a guard that grazes its level falls again
+constexpr double MARGIN = 0.05;       // error of a guard's cubic that is allowed for, relative to its bend
+constexpr double UNSURE = 0.01;       // error relative to the bend from which on half the step is tried
+constexpr double WRONG = 12;          // bound of a guard's excess over its cubic, relative to the error at CHECK
+constexpr double DEEP = 1e-6;         // depth of contact beyond which no contact is missed, m
+enum { CHECK = 2 };                   // index of the point within a step that checks the cubic
+constexpr double EARLY = 5e-13;       // time before a clock's instant from which on its guard is above zero, s
+enum { LOOKS = 1000 };                // evaluations of gaps within a step, before it is halved
+enum { SECANTS = 8, TRIES = 60 };     // lengths tried at maxima or before bisection; lengths tried in all
+enum { BURST = 100 };                 // number of events within one step beyond which they are chattering
 enum Doubt { NONE, GRAZING, COINCIDENT, AT_END };
 
-// What came of a step: truth where it was not done, truth where it was cut short, the event that fired at its end (or,
-// where it was not done, at its beginning) or -1, how many others are close to that, and the switches during the step.
+// Outcome of a step. waits: whether it was not taken. cut: whether it was cut short. event: event that fired at its end
+// (at its beginning if it was not taken), or -1. near: number of other events close to it. mode: switches during the step.
 struct Happened {
   real waits, cut, event, near;
   ROW(real, mode, SWITCHES + 1);
@@ -71,7 +75,7 @@ INLINE void guards(Trajectory& at, real t, const real* x, const real* xdot, real
 #endif
 }
 
-// Begin the next length tried from nothing.
+// Reset the search for a root, for the next step of lane l.
 INLINE void forget(Watch& w, int l) {
   lane(w.low, l) = lane(w.tries, l) = lane(w.peak, l) = lane(w.clear, l) = 0., lane(w.high, l) = INFINITY;
 }
@@ -86,8 +90,8 @@ static void watch(Trajectory& at) {
   for (int l = 0; l < LANES; ++l) forget(w, l), at.fired[l] = at.doubt[l] = at.doubted[l] = 0;
 }
 
-// Make ready what is known before a step is tried. Steps end at clocks instead of looking for them: just behind the guard's
-// root, at the instant itself. What rose with another event fires at a step of length zero.
+// Prepare a step. It ends at the next instant of a clock, just after the guard's root, which therefore needs no search. A
+// guard that rose together with another event fires after a step of length zero.
 static void aim(const Job& job, Trajectory& at) {
   Watch& w = at.now.watch;
   Step& s = at.now.step;
@@ -112,7 +116,7 @@ static void aim(const Job& job, Trajectory& at) {
   }
 }
 
-// Let the rest of lane l's segment begin at t. Where it begins `anew`, that is behind a step cut short.
+// Divide the rest of lane l's segment, from t on, into steps; `anew` after a step that was cut short.
 static void cut_segment(const Job& job, Trajectory& at, int l, double t, bool anew) {
   Step& s = at.now.step;
   const double begin = ::fmin(t, lane(s.end, l)), left = lane(s.end, l) - begin;
@@ -124,7 +128,7 @@ static void cut_segment(const Job& job, Trajectory& at, int l, double t, bool an
   forget(at.now.watch, l);
 }
 
-// A kink changes neither state nor rate at its instant: derivatives are the same with and without it.
+// Record a doubt in a gradient. Kinks raise none: they change neither state nor rate, and so no derivative.
 static void doubt(Trajectory& at, int l, Doubt why, int event) {
   const bool graver = at.doubt[l] == NONE || (at.doubt[l] == COINCIDENT && why != COINCIDENT);
   if (graver && !KINK[event]) at.doubt[l] = why, at.doubted[l] = event;
@@ -149,8 +153,8 @@ struct Guard {
   }
 };
 
-// The guards of a step that was tried, from their levels: at its beginning, with their rates, inside, and at its end;
-// bounds of the rates of gaps there; and the part of the step at which a gap is closed, or half where none is sure.
+// Guards of a tried step minus their levels: at its start with their rates, within it, and at its end; bounds of the
+// rates of gaps at both ends; and the fraction of the step at which a gap closes, or half if that is uncertain.
 struct Tried {
   ROW(real, g0, EVENTS);
   ROW(real, rate, EVENTS);
@@ -161,8 +165,10 @@ struct Tried {
   real meets;
 };
 
-// Doubts in a gradient through event e at the end of a step of length h: that the guard turns back soon, or that
-// others are so close that they may change places; how many.
+// Record doubts in a gradient through event e at the end of a step of length h, and return the number of close events.
+// The event is grazing if the parabola g0 + rate s + rise s^2 / 2 through both ends of the step has its extremum within
+// the time `turn` of its end: the derivative of the root's time grows as 1 / slope there. It is coincident if another
+// guard is above its level at the end or rises above it within TOGETHER, so that both may change their order.
 static int judge_root(const Job& job, Trajectory& at, int l, int e, double h, const Tried& tried) {
   const double rate = lane(tried.rate[e], l), rise = 2 * ((lane(tried.g1[e], l) - lane(tried.g0[e], l)) / h - rate) / h;
   const double slope = rate + rise * h, turn = GRAZES * job.h;
@@ -176,15 +182,16 @@ static int judge_root(const Job& job, Trajectory& at, int l, int e, double h, co
   return near;
 }
 
-// Doubt a gradient where an event that parameters move (MOVES) fires at the rollout's end, or just behind it: on the other
-// side it would not, or would.
+// Record a doubt in a gradient if an event that parameters move (MOVES) is at the rollout's end or just after it, where a
+// small change adds or removes it.
 static void judge_end(const Job& job, Trajectory& at, int l, const Tried& tried) {
   for (int i = 0; i < EVENTS; ++i)
     if (MOVES[i] && lane(tried.g1[i], l) + TOGETHER * ::fmax(lane(tried.rate[i], l), 0.) > 0) doubt(at, l, AT_END, i);
 }
 
-// The cubic of a guard along a step, 0 to 1, in Bernstein's form: it lies between the least and the largest of its four
-// coefficients, and bends by no more than `bend`.
+// Cubic of a guard along a step, 0 to 1, in Bernstein form: it lies between the smallest and the largest of its four
+// coefficients b. From p(1/3) = (8 b0 + 12 b1 + 6 b2 + b3) / 27 and p(2/3) = (b0 + 6 b1 + 12 b2 + 8 b3) / 27 follow b1 and
+// b2. `bend` is the largest second difference of b.
 template <class T> struct Cubic {
   T b[4];
   INLINE Cubic of(T g0, T third, T two_thirds, T g1) {

@@ -101,7 +101,7 @@ class Tableau:
         return weights
 
     def source(self) -> str:
-        """The same numbers in C++, as ``struct Method``."""
+        """C++ text of the coefficients, as ``struct Method``."""
 
         def row(values: object) -> str:
             return "{" + ", ".join(repr(float(v)) for v in np.asarray(values)) + "}"
