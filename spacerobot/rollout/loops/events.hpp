@@ -252,7 +252,7 @@ static int first_above(const Job& job, int l, const real* g, const real* rate) {
   return found;
 }
 
-// The event that fires where lane l begins a step, or -1: what another one armed comes before what rose by itself.
+// Event that fires at the start of lane l's step, or -1: events armed by another one precede those that rose by themselves.
 static int event_at_once(const Job& job, const Watch& w, int l, const Tried& tried) {
   real armed[EVENTS];
   for (int i = 0; i < EVENTS; ++i) armed[i] = select(w.crossed[i], -1., tried.g0[i]);
@@ -260,7 +260,7 @@ static int event_at_once(const Job& job, const Watch& w, int l, const Tried& tri
   return first >= 0 ? first : first_above(job, l, tried.g0, tried.rate);
 }
 
-// Lane l tried a step of length h with a guard above its level at the end, or within, or at the beginning.
+// Decide on a tried step of lane l with a guard above its level at the start, within or at the end: event or next length.
 static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried, Happened& found) {
   Watch& w = at.now.watch;
   double& h = lane(at.now.step.h, l);
@@ -309,8 +309,8 @@ static void judge_lane(const Job& job, Trajectory& at, int l, const Tried& tried
   }
 }
 
-// The guards at a part of a step, which may differ between lanes, by the state that the slopes give there; `weight` gives
-// the slopes' weights.
+// Guards at a fraction of a step, which may differ between lanes, at the state of the dense output; `weight` returns the
+// weights of the slopes.
 template <bool SHARED, class Weight>
 INLINE void look_inside(Trajectory& at, const real* k, real part, Weight weight, real* g, real* speed) {
   const Step& s = at.now.step;
@@ -326,17 +326,17 @@ INLINE void look_inside(Trajectory& at, const real* k, real part, Weight weight,
   values(at, s.t + part * s.h, x, g, speed);
 }
 
-// The places inside a step.
+// Guards at one of the fixed points within a step.
 template <bool SHARED, int PART> INLINE void look_inside(Trajectory& at, const real* k, Tried& tried) {
   look_inside<SHARED>(at, k, method.INSIDE[PART], [](int j) { return method.INNER[PART][j]; }, tried.inner[PART], tried.fast[PART]);
 }
 
-// Bodies do not pass each other between two places at which their gap is seen. `speed` bounds the gap's rate wherever
-// the bodies are nearest, so that between gaps a and b, a time T apart, the gap stays above (a + b - speed T) / 2:
-// conservative advancement. The bound is the largest of the five places along the step, and as much more as they differ,
-// since it may be larger in between.
+// Conservative advancement: bodies do not pass each other between two evaluations of their gap. `speed` bounds the
+// magnitude of the gap's rate for any position of the nearest points. From gaps a and b a time T apart, the gap at the time
+// s is at least max(a - speed s, b - speed (T - s)), which is smallest where both are equal: (a + b - speed T) / 2. The
+// bound is the largest of the five points along the step plus their range, since it may be larger between them.
 struct Gap {
-  real a[5], reach;  // at the places of a step; how far it may change in one
+  real a[5], reach;  // gap at the five points of a step; maximum change over a step
 };
 
 INLINE double seen_at(int place) {
@@ -353,7 +353,7 @@ INLINE Gap gap_of(const Watch& w, const Step& s, const Tried& tried, int n) {
           s.h * (most + (most - least))};
 }
 
-// Truth where a gap may close between two places of a step.
+// Whether a gap may close between two points of a step.
 INLINE real may_close(const Gap& gap) {
   real found = 0.;
   for (int p = 0; p < 4; ++p)
@@ -361,8 +361,8 @@ INLINE real may_close(const Gap& gap) {
   return found;
 }
 
-// Part of lane l's step that no gap closes before, from a part `to` with gaps `now`: as far as what was seen at the places
-// of the step is enough, and from there as far as the last gaps allow.
+// Fraction of lane l's step before which no gap closes, from the fraction `to` with the gaps `now`: the last of the five
+// points that the bounds reach, plus the time in which the gaps there may close.
 static double advanced(const Gap* gaps, int l, double to, real* now) {
   for (int p = 1; p < 5; ++p) {
     if (to >= seen_at(p)) continue;
@@ -378,9 +378,9 @@ static double advanced(const Gap* gaps, int l, double to, real* now) {
   return to + ahead;
 }
 
-// Advance along the steps of the lanes that `doubt` by the states inside, so far at a time that no gap can close, and note
-// the part at which one is closed. These states are wrong by no more than the one at the step's end, where the true gap is
-// known: where a gap is not more than that, or there are too many looks, half the step shall be tried.
+// Advance along the steps of the lanes that `doubt`, by states from the dense output, each time as far as no gap can close,
+// and record the fraction at which a gap is closed. The error of these states is taken as at most that at the step's end,
+// where the true gap is available. If a gap is below that error, or after LOOKS evaluations, half the step is tried.
 template <bool SHARED>
 static void advance_gaps(Trajectory& at, const real* k, const Gap* gaps, real doubt, Tried& tried) {
   Watch& w = at.now.watch;
@@ -416,7 +416,7 @@ static void advance_gaps(Trajectory& at, const real* k, const Gap* gaps, real do
   }
 }
 
-// Find out in which lanes that `count` the step to `next` is done, and what happens with it.
+// Decide in which of the lanes that `count` the step to `next` is accepted, and with which event.
 template <bool SHARED>
 INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* next, real count, Happened& found) {
   Watch& w = at.now.watch;
@@ -490,8 +490,9 @@ INLINE void judge(const Job& job, Trajectory& at, const real* k, const real* nex
 }
 
 #ifdef WITH_RATE
-// Let steps that were cut short stretch with their events: the tangent is affine in the derivative of a step's length,
-// and the guard's is zero at its root.
+// Derivatives of the lengths of steps that end at events. The derivative of the state at the end of a step is affine in dh,
+// the derivative of its length, and so is the guard's total derivative: slope(dh) = slope(0) + dh (slope(1) - slope(0)). The
+// guard stays zero at its root, hence dh = -slope(0) / (slope(1) - slope(0)).
 static void stretch(Trajectory& at, Happened& found, real* next) {
   const Step& s = at.now.step;
   real dt, dh, end[2][NX], slope[2], k[method.TOTAL * NX], m[NM + 1];
@@ -513,7 +514,7 @@ static void stretch(Trajectory& at, Happened& found, real* next) {
 }
 #endif
 
-// Note event e of lane l, which took the state from x to `next`.
+// Record event e of lane l, which changes the state from x to `next`.
 static void tell_event(const Job& job, const Trajectory& at, int l, int e, double t, const real* next) {
   const int64_t rollout = at.first + l, k = at.fired[l];
   if (rollout >= job.count || k >= job.most) return;
@@ -526,8 +527,8 @@ static void tell_event(const Job& job, const Trajectory& at, int l, int e, doubl
   }
 }
 
-// Let lanes whose last event was at the end of a sample interval wait there, without a step of length zero, where nothing
-// else is left to happen. The next interval then begins where the event was.
+// End the sample interval of lanes whose last event was at its end, without a step of length zero, if no other guard is
+// above its level. The next interval then begins at the event.
 static void finish(Trajectory& at, real cut) {
   Step& s = at.now.step;
   const real over = cut && s.busy && s.begin >= s.end && s.to == real(-1.);
@@ -539,7 +540,7 @@ static void finish(Trajectory& at, real cut) {
     if (lane(over, l) != 0 && lane(left, l) == 0) lane(s.to, l) = HERE, lane(s.busy, l) = lane(s.h, l) = 0.;
 }
 
-// Let the events fire that were found, behind the steps that were done; and cut the segments behind steps cut short.
+// Apply the events at the ends of accepted steps, and divide the segments after steps that were cut short.
 static void happen(const Job& job, Trajectory& at, const Happened& found, bool again) {
   Watch& w = at.now.watch;
   const Step& s = at.now.step;

@@ -1,4 +1,4 @@
-// Largest values so far, and the step at which each was met. What was no number once stays none.
+// Update the largest values and the steps at which they occurred. A NaN remains.
 INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when) {
   for (int i = 0; i < PEAKS; ++i) {
     const real wins = alive && !(m[i] <= best[i]) && (best[i] == best[i]);
@@ -7,7 +7,7 @@ INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when
   }
 }
 
-// Where job.located: note a step that begins at t, and that competed already, in the lanes that `took` it.
+// If job.located: record the step that begins at t, after `compete`, in the lanes that `took` it.
 static void surround(Trajectory& at, const real* m, real t, real took, int64_t k) {
   Vicinity& v = at.vicinity;
   const real step = double(k);
@@ -32,11 +32,16 @@ static void surround(Trajectory& at, const real* m, real t, real took, int64_t k
   v.last_step[0] = select(took, v.last_step[1], v.last_step[0]), v.last_step[1] = select(took, step, v.last_step[1]);
 }
 
-// Steps see a peak up to half a step from where the signal is largest, and its derivative there is wrong by as much times
-// its rate. Between steps it is that of the polynomial through three steps, where the signal's has its vertex; a step
-// that moves with parameters does no harm, since the signal's rate is zero there. The second difference by the steps
-// next to the peak and that by the ones after these are the same for a smooth signal, and in the ratio of two at a kink,
-// where the peak is at the step itself.
+// Derivatives of peaks between steps. The largest step is up to half a step from the signal's maximum, where the derivative
+// differs by that time times its rate. By the envelope theorem the derivative of the maximum is that of the signal at its
+// time; a dependence of the time itself has no effect. With the steps at the times a < 0, 0 and b > 0 relative to the
+// largest, and rise_n = (m_n - m_0) / t_n, the parabola
+//
+//   m_0 + rise_a s + bend s (s - a),    bend = (rise_b - rise_a) / (b - a),
+//
+// has its vertex at s = (a - rise_a / bend) / 2. Lagrange's weights of the three steps there interpolate the derivative.
+// The second divided difference over the next but one steps, `wider`, equals `bend` for a smooth signal and is half of it
+// at a kink, whose peak is at the step itself.
 static void locate_peaks(Trajectory& at) {
   const Vicinity& v = at.vicinity;
   for (int i = 0; i < PEAKS; ++i) {
@@ -74,7 +79,7 @@ static void sample(const Job& job, int64_t first, const Trajectory& at) {
   }
 }
 
-// Begin the next sample interval where every lane has reached the end of the last one; false after the last.
+// Begin the next sample interval once every lane has reached the end of the present one; false after the last.
 INLINE bool ready(const Job& job, Trajectory& at) {
   if (any(at.now.step.busy)) return true;
   if (at.now.interval == job.intervals) return false;
@@ -86,7 +91,7 @@ INLINE bool ready(const Job& job, Trajectory& at) {
   return true;
 }
 
-// What the adjoint remembers of a step, and of what happened with it. No lane is busy with a step that it did not do.
+// Record of a step and of its events, for the adjoint. `busy` holds only for lanes that took the step.
 struct Record {
   Step step;
 #ifdef WITH_TABLES
@@ -108,7 +113,7 @@ static void record_step(Record& record, Trajectory& at, real* m, real* next) {
   step<false>(NEEDED_STAGES, at, at.now.x, record.slope, m, next);
 }
 
-// Positions before every so many steps; as many as it takes, since events take steps that nobody foresees.
+// Positions at regular numbers of steps. Their number grows on demand, since events add steps.
 struct Checkpoints {
   Room<Position> kept;
   int64_t room = 0;
@@ -125,9 +130,9 @@ struct Checkpoints {
   }
 };
 
-// Go on by the step to `next`, whose slopes are `k`, in the lanes that take it; truth in those. A lane whose state leaves
-// the bounds, or is no number, keeps its last good state from then on, while its time goes on. What is done `again` is
-// not counted.
+// Accept the step to `next`, with the slopes `k`, in the lanes that take it, and return these lanes. A lane whose state is
+// NaN or out of bounds keeps its last valid state from then on, while its time continues. Steps that are repeated (`again`)
+// are not counted.
 template <bool SHARED> INLINE real settle(const Job& job, Trajectory& at, const real* k, real* next, Record* record, bool again) {
   Position& now = at.now;
   const real goes = now.alive && now.step.busy, sound = is_sound(next, at.begin, job.scale);
@@ -159,7 +164,7 @@ template <bool SHARED> INLINE real settle(const Job& job, Trajectory& at, const 
   return goes && moved;
 }
 
-// Set a group out.
+// Initialise a group of lanes.
 static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at) {
   Position& now = at.now;
   std::memset(&now.step, 0, sizeof now.step);
@@ -194,7 +199,7 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
   }
 }
 
-// When each lane ends.
+// Time at which each lane ends.
 static real end_of(const Job& job, const Trajectory& at) {
   real t = job.time(job.intervals);
   for (int l = 0; l < LANES; ++l)
@@ -202,7 +207,7 @@ static real end_of(const Job& job, const Trajectory& at) {
   return t;
 }
 
-// Measures of a group that came to its end at step k, and in which lanes it did.
+// Final measures of a group after step k, and the lanes that reached the end.
 static void reduce(const Job& job, Trajectory& at, int64_t k) {
   real ignored[NX], m[NM + 1], *best = at.r + INTEGRALS, t[1] = {end_of(job, at)};
   at.whole = at.now.alive;
@@ -223,8 +228,8 @@ static void reduce(const Job& job, Trajectory& at, int64_t k) {
   for (int i = 0; i < NR; ++i) at.r[i] = select(at.whole, at.r[i], NAN);
 }
 
-// Integrate one group; the number of steps, or why there are none. `tape` (room for `segment` steps) holds the last
-// steps, `checkpoints` where the group was before every so many.
+// Integrate one group; returns the number of steps, or a negative reason. `tape` (room for `segment` steps) holds the last
+// steps, `checkpoints` the positions before every `segment` steps.
 enum { STOPPED = -1, NO_MEMORY = -2 };
 static int64_t integrate(const Job& job, int64_t first, const real* p, Trajectory& at, Record* tape, int64_t segment,
                          Checkpoints* checkpoints) {

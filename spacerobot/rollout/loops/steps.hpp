@@ -1,27 +1,27 @@
-// Rollouts of a closed loop by an explicit Runge-Kutta method, over lanes. Follows `lanes.hpp`, `struct Generated` and
-// `struct Method` (a tableau); `events.hpp`, `forward.hpp` and `adjoint.hpp` follow in turn, where they are needed:
+// Rollouts of a closed loop by an explicit Runge-Kutta method, over lanes. Included after `lanes.hpp`, `struct Generated`
+// and `struct Method` (a tableau); `events.hpp`, `forward.hpp` and `adjoint.hpp` follow in this order if they are needed:
 //
 //   setup(p -> x0, c)              initial state and prepared constants, once per rollout
-//   dynamics(t, x, c -> xdot, m)   time derivative, and the quantities whose largest value is asked for
-//   normalise(x -> x)              puts cos/sin pairs and quaternions back on their unit sphere
-//   outputs(t, x, c -> y)          what is recorded
-//   final(t, x, c -> e)            what is asked for at the end
+//   dynamics(t, x, c -> xdot, m)   time derivative, and the quantities with peaks
+//   normalise(x -> x)              scales cosine-sine pairs and quaternions to unit length
+//   outputs(t, x, c -> y)          recorded outputs
+//   final(t, x, c -> e)            values at the end
 //   objective(r, p -> J)           costs, from r = (integrals, peaks, final values)
 //
-// `tables.hpp` comes next where there are TABLES; and where there are EVENTS, see `events.hpp`:
+// If there are TABLES, `tables.hpp` comes next; if there are EVENTS, see `events.hpp`:
 //
 //   guards(t, x, c, xdot -> g, rate)   an event fires where its guard is above zero; rates along xdot
-//   values(t, x, c -> g, speed)        the guards alone; for each of GAPS, how fast it closes at most
+//   values(t, x, c -> g, speed)        guards without rates; for each of GAPS, an upper bound of its closing speed
 //   update(t, x, c, e -> x)            state after event e
 //
-// The state x ends with INTEGRALS integrals. Of m, the first PEAKS rows compete for the largest value; each further
-// block of PEAKS rows goes along with the winner (its derivative, for instance).
+// The state x ends with INTEGRALS integrals. The first PEAKS rows of m are compared for the largest value; each further
+// block of PEAKS rows is stored with it, such as its derivative.
 //
-// JUMP lists the places in c of the times at which the dynamics jump. A rollout is cut into segments at its samples
-// and at its own jumps, and each segment into equal steps, so that no step crosses a jump. On which side of a jump a
-// step lies is not left to rounding: c then holds plus infinity for a jump that lies ahead, minus infinity for one that
-// lies behind. Each lane has segments of its own; one that has reached the end of a sample interval waits for the
-// others and keeps its bits.
+// JUMP has the indices in c of the times at which the dynamics jump. A rollout is divided into segments at its samples
+// and its jumps, and each segment into equal steps, so that no step crosses a jump. The side of a jump on which a step
+// lies does not depend on rounding: c has plus infinity for a jump after the step, minus infinity for one before it. Each
+// lane has its own segments. A lane that has reached the end of a sample interval waits for the others, its state
+// unchanged to the bit.
 typedef Generated G;
 #ifndef GENERIC
 constexpr Method method;
@@ -111,50 +111,50 @@ static void scatter(const real* from, int width, int64_t first, int64_t count, d
     for (int j = 0; j < width; ++j) rows[(first + l) * width + j] = lane(from[j], l);
 }
 
-// The step that each lane does next: when it begins, its length, which of how many of its segment it is, at which jumps
-// that segment begins and ends (-1: at none, HERE: begins where an event was), and the segment's ends themselves. A lane
-// that waits has length 0.
+// Next step of each lane. t, h: start time and length, zero in a lane that waits. index, number: index of the step among
+// those of its segment, and their number. from, to: jumps at which the segment begins and ends, -1 for none, HERE for an
+// event. begin, end: start and end time of the segment. busy: whether the lane takes the step.
 struct Step {
   real t, h, index, number, from, to, begin, end, busy;
 };
 enum { HERE = -2 };
-constexpr double TOGETHER = 1e-9;  // what is so close may change places, s
+constexpr double TOGETHER = 1e-9;  // time within which events may change their order, s
 
 #ifdef WITH_EVENTS
-// How far each lane is with its next event; `events.hpp` tells more. Guards count from their levels.
+// Search of each lane for its next event; see `events.hpp`. Guards are relative to their levels unless stated otherwise.
 struct Watch {
   ROW(real, mode, SWITCHES + 1);       // the switches
-  ROW(real, level, EVENTS);            // what each guard must rise above
-  ROW(real, first, EVENTS);            // the guards where the step begins, from zero; not there yet while `fresh`
-  ROW(real, prior, EVENTS);            // the guards where the step before it began, from zero
-  real prior_h;                        // length of that step; 0 where there is none
-  ROW(real, speed, GAPS + 1);          // bounds of the rates of gaps where the step begins
+  ROW(real, level, EVENTS);            // level of each guard
+  ROW(real, first, EVENTS);            // guards at the start of the step, relative to zero; not valid while `fresh`
+  ROW(real, prior, EVENTS);            // guards at the start of the preceding step, relative to zero
+  real prior_h;                        // length of that step; 0 if there is none
+  ROW(real, speed, GAPS + 1);          // bounds of the rates of gaps at the start of the step
   real clear;                          // length of the step within which no gap closes
-  ROW(real, crossed, EVENTS);          // truth where a guard rose above its level in the last step, with an event
-  real last;                           // event that fired last, until a step is done; or -1
-  real fresh;                          // truth where a guard above its level fires at once
-  real peak;                           // lengths tried that end at a guard's peak; a half where one ends at a clock
-  real low, high, tries;               // lengths without and with a guard above its level; lengths tried
-  ROW(real, before, EVENTS);           // the guards without,
-  ROW(real, after, EVENTS);            // and with one above its level
-  real burst, since;                   // events in turn that were close to each other, and when they began
-  ROW(real, on, FINES + 1);            // when each of FINE was turned on
-  ROW(real, off, FINES + 1);           // when, by its guards, it will be off
-  real graded;                         // truth where the step is short since one of these is near
+  ROW(real, crossed, EVENTS);          // whether a guard rose above its level in the last step, with an event
+  real last;                           // last event, until a step is accepted; or -1
+  real fresh;                          // whether a guard above its level fires at the start of the step
+  real peak;                           // number of tried lengths that end at a guard's maximum; 1/2 for a clock's instant
+  real low, high, tries;               // lengths without and with a guard above its level; number of tried lengths
+  ROW(real, before, EVENTS);           // guards at the length `low`,
+  ROW(real, after, EVENTS);            // and at the length `high`
+  real burst, since;                   // number of successive events close to each other, and time of the first
+  ROW(real, on, FINES + 1);            // time at which each of FINE was turned on
+  ROW(real, off, FINES + 1);           // estimated time at which it turns off, from its guards
+  real graded;                         // whether the step is shortened because one of these times is near
   real began;                          // sensitivities: derivative of the time at which an event began the segment
 };
 #endif
 
-// Where one group of LANES rollouts is.
+// Position of a group of LANES rollouts.
 struct Position {
   ROW(real, x, NX);
   real alive;
   Step step;
-  int64_t interval;   // sample intervals begun
-  int passed[LANES];  // jumps behind each lane
+  int64_t interval;   // number of sample intervals begun
+  int passed[LANES];  // number of jumps that each lane has passed
 #ifdef WITH_TABLES
-  ROW(real, row, CURSORS);  // rows that windows show
-  real turned;              // truth where they may be others now
+  ROW(real, row, CURSORS);  // rows in the windows
+  real turned;              // whether they may have changed
 #endif
 #ifdef WITH_EVENTS
   Watch watch;
@@ -197,13 +197,13 @@ struct Trajectory {
 // How a rollout ended: at its last sample, lost, by an event, or with too many events.
 enum Fate { COMPLETED, DIVERGED, ENDED, CHATTERING };
 
-// Tell the constants of a lane on which side of each jump it is.
+// Set the constants of a lane to its side of each jump.
 static void set_sides(Trajectory& at, int l) {
   for (int e = 0; e < JUMPS; ++e) lane(at.c[JUMP[e]], l) = lane(at.jump[e], l) <= 0 ? -INFINITY : INFINITY;
   for (int k = 0; k < at.now.passed[l]; ++k) lane(at.c[JUMP[at.order[k * LANES + l]]], l) = -INFINITY;
 }
 
-// Find the jumps that each lane meets before the end, in turn; backwards those at one instant the other way round.
+// Sort the jumps of each lane before its end by time; `backwards` reverses the order of those at one instant.
 static void sort_jumps(const Job& job, Trajectory& at) {
   for (int e = 0; e < JUMPS; ++e) at.jump[e] = at.c[JUMP[e]];
   for (int l = 0; l < LANES; ++l) {
@@ -233,9 +233,9 @@ INLINE double longest(const Job& job, const Trajectory& at, int l) {
   return h;
 }
 
-// The law may be rough where one of FINE is turned on or off: a force that begins as t^1.5. At a distance d from there,
-// within a window W, steps are no longer than h (d / W)^(2/3), which keeps a method's order up to 3 (n + 1) for t^n. They
-// are h over powers of two, so that their lengths do not move with parameters.
+// Grading of steps where one of FINE is turned on or off and the law may be rough, such as a force that begins as t^1.5. At
+// the time d from there, within a window W, steps are at most h (d / W)^(2/3). A force t^n then keeps the order of a method
+// up to 3 (n + 1). The lengths are h over powers of two, so that they are piecewise constant in the parameters.
 static void grade(const Job& job, Trajectory& at, int l) {
 #ifdef WITH_EVENTS
   Step& s = at.now.step;
@@ -254,11 +254,10 @@ static void grade(const Job& job, Trajectory& at, int l) {
 #endif
 }
 
-// What begins and ends with a jump within a sample interval is a motion of its own, and gets so many steps at least.
+// Minimum number of steps between two jumps within a sample interval, since the motion there has its own time scale.
 enum { FEWEST = 8 };
 
-// Let lane l go on from the end of its segment, or from where it begins, to its next jump or the interval's end. One
-// that an event ended waits for ever.
+// Begin the next segment of lane l, up to its next jump or the end of the interval. A lane that an event ended waits.
 static void next_segment(const Job& job, Trajectory& at, int l) {
   Step& s = at.now.step;
   if (EVENTS && lane(at.now.alive, l) == 0) {
@@ -292,8 +291,7 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   grade(job, at, l);
 }
 
-// Count the step that was done in the lanes that `moved`, and make ready the one that follows within the sample
-// interval.
+// Count the accepted step in the lanes that `moved`, and prepare the next one of the sample interval.
 INLINE void advance(const Job& job, Trajectory& at, real moved) {
   Step& s = at.now.step;
   s.index = s.index + moved;
@@ -314,8 +312,8 @@ INLINE void advance(const Job& job, Trajectory& at, real moved) {
 INLINE double weight(int s, int j) { return s < method.TOTAL ? method.A[s < method.TOTAL ? s : 0][j] : method.B[j]; }
 INLINE int length(int s) { return s < method.TOTAL ? s : method.STAGES; }
 
-// Where the slopes of the stages go. A plain rollout lets them share places, which then stay in the nearest cache; what
-// looks at them later (the adjoint, the error estimate) keeps them all.
+// Storage of the stages' slopes. In a plain rollout they share places, which stay in the first-level cache; the adjoint and
+// the error estimate need all of them.
 template <bool SHARED> INLINE int place_of(int s) { return (SHARED ? method.PLACE[s] : s) * NX; }
 
 // x + h (sum of weights times slopes).
@@ -335,8 +333,9 @@ INLINE void combine(S s, real h, const real* __restrict x, const real* __restric
 }
 
 #ifdef WITH_RATE
-// Forward sensitivities of a step whose place and length depend on the parameters: the state holds (x, x', integrals,
-// integrals'), a dash being the derivative along the lane's direction, and c[RATE] the derivative of time itself.
+// Forward sensitivities of a step whose start and length depend on the parameters. The state is (x, x', integrals,
+// integrals') with ' the derivative along the lane's direction, and c[RATE] is the derivative of time. The stages' slopes k
+// carry the derivative at fixed h; from X = x + h sum w_j k_j the length adds dh sum w_j k_j to X'.
 template <bool SHARED, class S> INLINE void shear(S s, real dh, const real* __restrict k, real* __restrict to) {
   const int n = (NX - INTEGRALS) / 2, m = INTEGRALS / 2;
   for (int i = 0; i < n + m; ++i) {
@@ -349,7 +348,7 @@ template <bool SHARED, class S> INLINE void shear(S s, real dh, const real* __re
   }
 }
 
-// Derivatives of a step's beginning and length.
+// Derivatives of a step's start time and length: with the ends t0 and t1 of its segment, h = (t1 - t0) / N, t = t0 + i h.
 static void moved(const Trajectory& at, real& dt, real& dh) {
   const Step& s = at.now.step;
   for (int l = 0; l < LANES; ++l) {
@@ -384,8 +383,8 @@ INLINE void stages(Last last, Trajectory& at, real dt, real dh, const real* x, r
   });
 }
 
-// One step from x to `next`; `k` has room for the slopes. Its beginning and length have the derivatives dt and dh. Where
-// every lane's length is zero (events at one instant) all slopes are the first.
+// One step from x to `next`; `k` has room for the slopes. dt and dh are the derivatives of its start time and length. If the
+// length is zero in every lane (coincident events), all slopes equal the first.
 template <bool SHARED, class Last>
 INLINE void step(Last last, Trajectory& at, const real* x, real* k, real* m, real* next, real dt, real dh) {
   real sum[NX];
@@ -415,7 +414,7 @@ INLINE void step(Last last, Trajectory& at, const real* x, real* k, real* m, rea
   step<SHARED>(last, at, x, k, m, next, dt, dh);
 }
 
-// Note the estimated error of a step of length h to `next` in the lanes that `took` it.
+// Record the estimated error of a step of length h to `next` in the lanes that `took` it.
 static void note_error(Trajectory& at, real h, const real* k, const real* next, real took) {
   for (int i = 0; i < NX - INTEGRALS; ++i) {
     real sum = 0.;
@@ -425,14 +424,14 @@ static void note_error(Trajectory& at, real h, const real* k, const real* next, 
   }
 }
 
-// The largest estimate, relative to the largest size of its state where that is above one.
+// Largest error estimate, relative to the largest magnitude of its state if that is above one.
 static real largest_error(const Trajectory& at) {
   real worst = 0.;
   for (int i = 0; i < NX - INTEGRALS; ++i) worst = fmax(worst, at.error[i] / fmax(1., at.size[i]));
   return worst;
 }
 
-// Truth where every state is a number and not too far from where it began.
+// Whether every state is finite and within the bounds around its initial value.
 INLINE real is_sound(const real* x, const real* begin, const double* scale) {
   real sum[4] = {0., 0., 0., 0.};  // four sums, since one would wait for each of its own additions
   for (int i = 0; i < NX; ++i) {
