@@ -14,7 +14,7 @@ from spacerobot.symbolic.noise import NoiseTable
 
 @dataclass(frozen=True)
 class WindowTable:
-    """Places of a table's rows and of its window, the copy of the present row.
+    """Indices of a table's rows and of its window, the copy of the present row.
 
     Attributes:
         cursor: Index of the cursor that selects the row.
