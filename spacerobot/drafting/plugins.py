@@ -48,10 +48,12 @@ def draft_plugin(family: str, file: StrPath) -> PluginDraft:
         PluginDraft: Files of plugin and test, and the command that uses the plugin.
 
     Raises:
-        ScenarioError: If one of the files exists.
+        ScenarioError: If the file is no Python file, or one of the files exists.
         SpaceRobotError: If there is no template of the family.
     """
     file = Path(file)
+    if file.suffix != ".py":
+        raise ScenarioError(f"found {str(file)!r}, allowed: a Python file, {file.stem}.py", where="--out")
     text, test = plugin_template(family, file), plugin_test_file(file)
     for each in (file, test):
         if each.exists():

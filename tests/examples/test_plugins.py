@@ -183,6 +183,12 @@ def test_the_test_of_every_template_passes(tmp_path):
     )
 
 
+def test_a_template_is_a_python_file(tmp_path):
+    with pytest.raises(SpaceRobotError, match=r"allowed: a Python file, goal\.py"):
+        sr.draft_plugin("goal", tmp_path / "goal")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_template_replaces_no_file_and_has_a_family(tmp_path):
     (tmp_path / "goal.py").write_text("mine", encoding="utf-8")
     again = forks.command("new", "--plugin", "goal", folder=tmp_path)
