@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from spacerobot.compiled import pieces
 from tests import forks
 from tests.examples.recording import draw_square_frames
 
@@ -24,7 +23,7 @@ SMALL = {
     "05_tune": ({"duration_s": 0.2}, "'ge': "),
     "06_campaign": ({"samples": 8, "changes": {"simulation.duration": 0.5}}, "worst sample"),
     "07_own_element": ({"duration_s": 0.2, "backend": "interpreted"}, "soft.stiffness"),
-    "08_where_is_it_captured": ({"samples": 16}, "tuned"),
+    "08_where_is_it_captured": ({"samples": 12}, "tuned"),
     "09_least_disturbance": ({"duration_s": 0.2, "names": ["reaction null space, base"]}, " mm"),
     "10_capture_in_one_plan": (
         {"scenario": EXAMPLES / "catch.yaml", "changes": {}},
@@ -36,7 +35,6 @@ SMALL = {
     ),
 }
 OWN = "07_own_element"
-LONG = "08_where_is_it_captured"
 
 
 def test_every_example_is_here_and_short():
@@ -46,12 +44,8 @@ def test_every_example_is_here_and_short():
 
 
 @pytest.mark.parametrize("name", [name for name in SMALL if name != OWN])
-def test_an_example_runs_and_draws(name, tmp_path, monkeypatch, capsys, request):
+def test_an_example_runs_and_draws(name, tmp_path, monkeypatch, capsys):
     draw_square_frames(monkeypatch)
-    if name == LONG:
-        request.getfixturevalue("compiled")
-        monkeypatch.setattr(pieces, "LONGEST", 500)  # cut where it is whole for users: compiled sooner
-        monkeypatch.setattr(pieces, "PIECE", 150)
     sizes, printed = SMALL[name]
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](**sizes)

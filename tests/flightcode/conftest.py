@@ -7,11 +7,28 @@ import pytest
 import spacerobot as sr
 from spacerobot.closedloop.loop_cache import cached_closed_loop
 from spacerobot.closedloop.onboard_ports import OnboardLoopBuilder
+from spacerobot.flightcode import package
 from spacerobot.flightcode.extract import onboard_software
 from spacerobot.flightcode.flyable import prepared_scene
 from spacerobot.flightcode.package import c_compiler, write_package
 
-STEPS = 200
+STEPS = 50
+"""Rows of test vectors."""
+SERVICER = {
+    "robots.servicer.joints.right_joint_*.locked": True,
+    "robots.servicer.tips.right_tip": {},
+    "simulation.duration": 1.5,
+    "phases.reach.timeout": 1.0,
+    "phases.reach.on_timeout": "stop",
+}
+"""One arm of two, and a phase that ends by time after two images of the camera."""
+SHORT = {"plan.duration": 5, "simulation.duration": 9}
+FLOWN = {"docking-as-flown": SHORT, "capture-as-flown": SHORT}
+"""Scenarios that are flown from start to standstill, with a plan of 5 s in place of 12 s."""
+QUICK = [flag if flag != "-O2" else "-O0" for flag in package.FLAGS]
+"""Flags of a compiler in a hurry: without contractions, results do not depend on the optimisation."""
+SPATIAL = ("capture-as-flown", "examples/capture-rendezvous.yaml")
+"""Scenarios whose functions take a compiler 10 s and more to optimise."""
 
 
 def software_of(scene):
@@ -38,7 +55,10 @@ def export(compiler, tmp_path_factory):
             scene = sr.load_scene(name, changes)
             software = software_of(scene)
             folder = tmp_path_factory.mktemp("flight") / "code"
-            write_package(software, folder, "double", STEPS)
+            with pytest.MonkeyPatch.context() as patch:
+                if name in SPATIAL:
+                    patch.setattr(package, "FLAGS", QUICK)
+                write_package(software, folder, "double", STEPS)
             made[key] = scene, software, folder
         return made[key]
 

@@ -14,6 +14,7 @@ from optim.planning.mpc.updates import MpcUpdates
 from spacerobot.cli import app
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.flightcode.package import FLAGS
+from tests.flightcode.conftest import FLOWN, SERVICER
 
 SMALL = "examples/as-flown.yaml"
 RENDEZVOUS = "examples/capture-rendezvous.yaml"
@@ -49,20 +50,21 @@ def test_a_trajectory_equals_that_of_the_simulated_controller(export):
 
 @pytest.mark.compiler
 def test_estimators_wheels_and_phases_fly_alike(export):
-    changes = {"simulation.duration": 3.0, "phases.reach.timeout": 1.5, "phases.reach.on_timeout": "stop"}
-    scene, software, folder = export(RENDEZVOUS, changes)
+    scene, software, folder = export(RENDEZVOUS, SERVICER)
     assert software.flow is not None
-    flown = sr.simulate(scene, controller=folder / "libcontroller.so")
-    simulated = sr.simulate(scene)
+    flown, simulated = (
+        sr.simulate(scene, backend="interpreted", controller=one)
+        for one in (folder / "libcontroller.so", None)
+    )
     assert any(event["kind"] == "phase" for event in flown.summary["events"])
     assert largest_difference(simulated, flown, MOTION) < 1e-12
 
 
 @pytest.mark.compiler
-@pytest.mark.parametrize("name", ["docking-as-flown", "capture-as-flown"])
+@pytest.mark.parametrize("name", FLOWN)
 def test_the_capture_flies_to_its_end_under_the_same_plans(export, monkeypatch, name):
     """Plans are solved once: a solver amplifies the last bits of what it begins with."""
-    scene, _, folder = export(name)
+    scene, _, folder = export(name, FLOWN[name])
     plans = []
     show = MpcUpdates._show
 
@@ -72,7 +74,7 @@ def test_the_capture_flies_to_its_end_under_the_same_plans(export, monkeypatch, 
             plans.append(self.plant.parameters[:, self._computer.places].copy())
 
     monkeypatch.setattr(MpcUpdates, "_show", recorded)
-    simulated = sr.simulate(scene)
+    simulated = sr.simulate(scene, backend="interpreted")
     queue = iter(plans)
 
     def replayed(self, rows, now):
@@ -80,7 +82,7 @@ def test_the_capture_flies_to_its_end_under_the_same_plans(export, monkeypatch, 
             self.plant.parameters[:, self._computer.places] = next(queue)
 
     monkeypatch.setattr(MpcUpdates, "_show", replayed)
-    flown = sr.simulate(scene, controller=folder / "libcontroller.so")
+    flown = sr.simulate(scene, backend="interpreted", controller=folder / "libcontroller.so")
     assert [event["name"] for event in flown.summary["events"]] == [
         event["name"] for event in simulated.summary["events"]
     ]
@@ -104,7 +106,7 @@ def test_a_library_of_another_scenario_is_refused(export, tmp_path):
     _, _, folder = export(SMALL)
     library = folder / "libcontroller.so"
     with pytest.raises(SpaceRobotError, match="no controller 'capture_rendezvous' in it"):
-        sr.simulate(RENDEZVOUS, controller=library)
+        sr.simulate(sr.load_scene(RENDEZVOUS, SERVICER), controller=library)
     slower = sr.load_scene(SMALL, {"robots.arm.tips.tip.pid.sampled.period": 0.04})
     with pytest.raises(SpaceRobotError, match="other fields or rates"):
         sr.simulate(slower, controller=library)
