@@ -115,7 +115,11 @@ INTERPRETED = (
     "tests/cli/test_damaged_folders.py",
     "tests/examples/",
     "tests/optim/campaign/rollouts/test_campaign_trust.py",
+    "tests/optim/campaign/test_campaign_cli.py",
+    "tests/optim/comparison/test_comparison.py",
     "tests/optim/problem/",
+    "tests/optim/robust/",
+    "tests/optim/workers/",
 )
 """Where rollouts are so few and so short that to compile them takes longer than they do."""
 
@@ -123,12 +127,14 @@ LARGE = (
     "tests/cli/",
     "tests/contacts/",
     "tests/docs/",
+    "tests/drafting/",
     *(
         f"tests/elements/test_{name}.py"
         for name in (
             "attitude_filter",
             "inertia_filter",
             "joint_failure",
+            "reaction_wheels",
             "sampling",
             "sensor_errors",
             "transmissions",
@@ -137,9 +143,12 @@ LARGE = (
     "tests/fmu/",
     "tests/pinocchio_engine/",
     "tests/result/",
+    "tests/rollout/test_crossings.py",
     "tests/rollout/test_edges.py",
     "tests/rollout/test_event_gradients.py",
     "tests/rollout/test_events.py",
+    "tests/rollout/test_gradients.py",
+    "tests/rollout/test_step_choice.py",
     "tests/scene/",
     "tests/viz/",
 )

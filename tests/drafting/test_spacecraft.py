@@ -63,8 +63,7 @@ def test_equipment_fits_the_spacecraft(tmp_path):
     assert set(robot.estimators) == {"object", "attitude"}
 
 
-@pytest.mark.compiler
-def test_a_spacecraft_from_two_urdfs_captures_by_its_filters(tmp_path):
+def test_a_spacecraft_from_two_urdfs_captures_by_its_filters(tmp_path, interpreted):
     drafted = draft(MISSION, tmp_path / "mission.yaml", capture=True)
     assert drafted.is_verified
     assert "between samples (`spacerobot margins` includes" in drafted.text

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import functools
 import itertools
-import re
 
 import casadi as ca
 import numpy as np
@@ -26,6 +25,7 @@ from tests.oracles.engine.references import leading, path_of
 from tests.oracles.engine.robot_law import robot_law
 from tests.oracles.engine.sensing import reading_of
 from tests.oracles.engine.tip_control import tip_law
+from tests.oracles.small_scenes import ONE_SPATIAL_ARM as SPATIAL
 from tests.oracles.small_scenes import PLANAR, random_x, small_scene
 from tests.oracles.small_scenes import SPATIAL as WITH_TWO
 
@@ -270,8 +270,6 @@ KINDS = [(family, kind) for family, kind in SECTIONS if family not in ("shape", 
 """Kinds with a law in continuous time; shapes have tests of their own in ``tests/shapes`` and
 ``tests/contacts``, estimators one file each. Flexible links are held to closed forms in
 ``test_flexible_links`` instead of to independent laws."""
-SPATIAL = re.sub(r"  two:.*?(?=target:)|  right:.*?\n", "", WITH_TWO, flags=re.DOTALL)
-"""One arm and its target; in the plane there are two arms."""
 SCENES = {"planar": PLANAR, "spatial": SPATIAL}
 
 

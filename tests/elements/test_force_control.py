@@ -79,7 +79,7 @@ def port_rollout(kind):
     return sr.build_rollout(loop, duration_s=1.0, step_s=0.002, output_step_s=0.02, backend="interpreted")
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     masses=st.tuples(st.floats(0.5, 40), st.floats(0.2, 9)),
     grasp=st.tuples(st.floats(1, 900), st.floats(0, 30)),
@@ -114,7 +114,8 @@ def test_the_port_of_a_tip_is_passive_whatever_it_holds(masses, grasp, law, kind
     )
     target = (momentum**2).sum(axis=1) / masses[0] + about_centre**2 / masses[1]
     energy = (virtual + target) / 2 + named["energy_spring"][:, 0]
-    assert np.diff(energy).max() <= 1e-7 * energy[0]
+    # where all but stands still, what is left of positions near 1 m is their rounding
+    assert np.diff(energy).max() <= max(1e-7 * energy[0], 1e-28)
 
 
 TURNING = {"inertia": [0.5, 0.4, 0.3], "damping": [6, 9, 4], "stiffness": [3, 5, 8]}

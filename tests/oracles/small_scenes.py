@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -130,6 +131,9 @@ grasps:
   right: {tip: two/tip, frame: right, kind: compliant, stiffness: 120, damping: 11}
 simulation: {duration: 2, step: 0.004, output_step: 0.1}
 """
+
+ONE_SPATIAL_ARM = re.sub(r"  two:.*?(?=target:)|  right:.*?\n", "", SPATIAL, flags=re.DOTALL)
+"""One arm and its target; in the plane there are two arms."""
 
 
 @functools.cache

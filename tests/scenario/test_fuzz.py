@@ -13,7 +13,7 @@ from tests.oracles import mangled_results, one_arm
 from tests.oracles.mangled import cases, judged, rollouts
 
 
-@pytest.mark.parametrize("seed", range(100, 107))
+@pytest.mark.parametrize("seed", range(100, 105))
 def test_mangled_scenarios_end_in_one_line(seed):
     assert [wrong for case in cases(seed, 100) if (wrong := judged(case)) is not None] == []
 
