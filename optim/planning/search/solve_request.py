@@ -17,7 +17,7 @@ from optim.planning.search.failure_messages import (
 )
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult, SolverRun
 from optim.planning.solver.elastic import ElasticProgram
-from optim.planning.solver.ipopt import TIME_LIMIT, Solution, solve
+from optim.planning.solver.ipopt import PATIENCE, TIME_LIMIT, Solution, solve
 from optim.planning.transcription.drive_jumps import split_at_jumps
 from optim.planning.transcription.initial_guess import initial_guess, is_guided, rescaled_motion
 from optim.planning.transcription.mesh import Mesh
@@ -30,7 +30,7 @@ from optim.planning.verification.verify import VerificationResult, course_collis
 
 BARRIER = 1e-4
 """Barrier parameter relative to the cost, for a start from another problem's solution."""
-WARM_BARRIER, SHORT = 1e-2, 40
+WARM_BARRIER, SHORT = 1e-2, PATIENCE
 """Barrier parameter relative to the cost, and maximum number of iterations, of a search that starts from the
 solution without the distances of shapes."""
 NEAR_BARRIER = 1e-5

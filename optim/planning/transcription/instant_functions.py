@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -145,7 +145,15 @@ def _instants(
             inputs = ca.vertcat(*(one.arguments for one in iterated))
             functions[f"{prefix}given"] = _function(f"{prefix}given", _inputs(z, None, constant), inputs)
             functions |= functions_of(iterated)
-    call, used = _caller(functions, backend)
+    # Where shapes are apart, steps of the ascent replace the fixed iteration, whose code is several times as
+    # long as all other functions together.
+    rare = {
+        one.function.name()
+        for _, iterated in rows.values()
+        for one in iterated
+        if one.ascent is not None and one.function is not None
+    }
+    call, used = _caller(functions, backend, rare)
     none = (np.empty(0, dtype=np.int64),) * 2
     # results of inner iterations are cached
     implicit = {
@@ -224,13 +232,24 @@ def _pattern(matrix: ca.SX) -> Pattern:
     return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
 
 
-def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callable[..., Array], str]:
-    """Evaluator of the functions for columns (n, N), and its backend."""
+def _caller(
+    functions: Mapping[str, ca.Function], backend: str, rare: Collection[str] = ()
+) -> tuple[Callable[..., Array], str]:
+    """Evaluator of functions for columns (n, N), and its backend; ``rare`` ones are always interpreted."""
+    mapped: dict[tuple[str, int], ca.Function] = {}
+
+    def in_turn(name: str, *given: Array) -> Array:
+        """Values of an interpreted function, column by column."""
+        count = given[0].shape[1]
+        if (name, count) not in mapped:
+            mapped[name, count] = functions[name].map(count)
+        return np.array(mapped[name, count](*given).full()).reshape(-1, count)
+
     toolchain = None if backend == "interpreted" else find_toolchain()
     if toolchain is not None or backend == "compiled":
         try:
             lanes = 1 if toolchain is None else toolchain.lanes
-            used = {name: f for name, f in functions.items() if f.numel_out(0)}
+            used = {name: f for name, f in functions.items() if f.numel_out(0) and name not in rare}
             library = compile_functions(used, lanes=lanes, toolchain=toolchain)
         except CompileError:
             if backend == "compiled":
@@ -242,6 +261,8 @@ def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callabl
 
                 The last group is padded with the last column.
                 """
+                if name in rare:
+                    return in_turn(name, *given)
                 count, size = given[0].shape[1], functions[name].numel_out(0)
                 wide = [np.hstack([array, np.tile(array[:, -1:], -count % lanes)]) for array in given]
                 out = np.empty((size, count))
@@ -251,13 +272,4 @@ def _caller(functions: Mapping[str, ca.Function], backend: str) -> tuple[Callabl
                 return out
 
             return in_lanes, "compiled"
-    mapped: dict[tuple[str, int], ca.Function] = {}
-
-    def in_turn(name: str, *given: Array) -> Array:
-        """Values of an interpreted function, column by column."""
-        count = given[0].shape[1]
-        if (name, count) not in mapped:
-            mapped[name, count] = functions[name].map(count)
-        return np.array(mapped[name, count](*given).full()).reshape(-1, count)
-
     return in_turn, "interpreted"
