@@ -84,9 +84,9 @@ class Library:
         return tuple(r.copy() if wide else r[:, 0].copy() for r in results)
 
 
-_loaded: dict[str, tuple[Path, ctypes.CDLL]] = {}
-"""Files and libraries that this process has loaded, by a hash of their functions: generating the sources, by
-which the cache is searched, takes seconds for 100 000 operations."""
+_keys: dict[str, str] = {}
+"""Keys in the cache by the hash of the functions that this process has compiled: generating the sources,
+whose hash is the key, takes seconds for 100 000 operations."""
 
 
 def compile_functions(
@@ -118,10 +118,11 @@ def compile_functions(
     if toolchain is None:
         raise CompileError(NO_COMPILER)
     serialized = (f"{name}\0{function.serialize()}" for name, function in functions.items())
-    parts = [*serialized, str(lanes), *sorted(cold), tail, *toolchain.identity, str(cache.cache_folder())]
-    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
-    if key in _loaded:
-        path, handle = _loaded[key]
+    parts = [*serialized, str(lanes), *sorted(cold), tail, *toolchain.identity]
+    content = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    known = _loaded(cache.cache_folder(), _keys[content]) if content in _keys else None
+    if known is not None:
+        path, handle = known
         return Library(dict(functions), lanes, toolchain, path, True, time.perf_counter() - begin, handle)
     vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
     units = source_units(functions, lanes=lanes, cold=cold, tail=tail, vector_symbols=vector_symbols)
@@ -131,7 +132,7 @@ def compile_functions(
         return build(units, toolchain, folder, progress or tell)
 
     path, handle, cached = cached_library(parts, make)
-    _loaded[key] = path, handle
+    _keys[content] = path.stem.rpartition("-")[0]
     return Library(dict(functions), lanes, toolchain, path, cached, time.perf_counter() - begin, handle)
 
 
@@ -173,6 +174,18 @@ def source_units(
     return units
 
 
+def _loaded(folder: Path, key: str) -> tuple[Path, ctypes.CDLL] | None:
+    """File and library stored under a key; None if there is none that this machine can load."""
+    path = cache.find(folder, key)
+    if path is None:
+        return None
+    try:
+        return path, ctypes.CDLL(str(path))
+    except OSError:
+        path.unlink(missing_ok=True)
+        return None
+
+
 def cached_library(
     parts: Sequence[str], make: Callable[[Path], Path], *, compiler: Sequence[str] = ()
 ) -> tuple[Path, ctypes.CDLL, bool]:
@@ -195,12 +208,9 @@ def cached_library(
         hashlib.sha256("\0".join(each).encode()).hexdigest()[:32] for each in (parts, compiler)
     )
     key = f"{general}{special}" if compiler else general
-    path = cache.find(folder, key)
-    if path is not None:
-        try:
-            return path, ctypes.CDLL(str(path)), True
-        except OSError:  # not a library of this machine: built again
-            path.unlink(missing_ok=True)
+    loaded = _loaded(folder, key)
+    if loaded is not None:
+        return *loaded, True
     try:
         try:
             path = cache.store(folder, key, make(folder))
