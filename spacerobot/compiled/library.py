@@ -83,6 +83,36 @@ class Library:
         self.entry(f"call_{name}")(pointers, targets)
         return tuple(r.copy() if wide else r[:, 0].copy() for r in results)
 
+    def columns(self, name: str, *arguments: Array) -> Array:
+        """Evaluate the first output of a function for many argument sets, ``lanes`` of them in each call.
+
+        Args:
+            name: Which.
+            arguments: One array for each input, with a column for each set (n, N).
+
+        Returns:
+            numpy.ndarray: Values (m, N).
+        """
+        count, size = arguments[0].shape[1], self.functions[name].numel_out(0)
+        groups, entry = -(-count // self.lanes), self.entry(f"call_{name}")
+        blocks = []
+        for argument in arguments:
+            wide = np.concatenate(
+                [argument, np.repeat(argument[:, -1:], -count % self.lanes, axis=1)], axis=1
+            )
+            block = _aligned(groups * len(argument), self.lanes).reshape(groups, len(argument), self.lanes)
+            block[:] = wide.reshape(len(argument), groups, self.lanes).transpose(1, 0, 2)
+            blocks.append(block)
+        values = _aligned(groups * size, self.lanes).reshape(groups, size, self.lanes)
+        inputs, outputs = (ctypes.c_void_p * len(blocks))(), (ctypes.c_void_p * 1)()
+        starts = [(block.ctypes.data, block.strides[0]) for block in blocks]
+        first, stride = values.ctypes.data, values.strides[0]
+        for group in range(groups):
+            inputs[:] = [start + group * step for start, step in starts]
+            outputs[0] = first + group * stride
+            entry(inputs, outputs)
+        return values.transpose(1, 0, 2).reshape(size, groups * self.lanes)[:, :count]
+
 
 _keys: dict[str, str] = {}
 """Keys in the cache by the hash of the functions that this process has compiled: generating the sources,

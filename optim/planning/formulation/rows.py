@@ -12,8 +12,8 @@ from spacerobot.elements.goals.plan_instant import BoundedRow
 from spacerobot.shapes import Implicit
 
 STEPS, APART_AFTER, SLOPE = 30, 8, 1e-10
-"""Maximum number of Newton steps from the direction of the centres, the number after which shapes count as
-overlapping if no step has shown them apart, and the slope at which a maximum is converged [m]."""
+"""Maximum number of Newton steps, the number after which shapes count as overlapping if no step has shown
+them apart, and the slope at which a maximum is converged [m]."""
 
 Call = Callable[..., Array]
 """Evaluates a function, by name, for columns (n, N)."""
@@ -29,22 +29,30 @@ def symbols_of(implicits: Sequence[Implicit]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *(one.symbol for one in implicits))
 
 
-def implicit_values(implicit: Sequence[Implicit], inputs: Array, call: Call) -> Array:
+def implicit_values(
+    implicit: Sequence[Implicit], inputs: Array, call: Call, near: Array | None = None
+) -> Array:
     """Results of inner iterations (n, N), for all columns by one call of each function.
 
     Args:
         implicit: Inner iterations.
         inputs: Values of their arguments ``given``, stacked (m, N).
         call: Evaluates one of their functions, by name, for columns.
+        near: Results for inputs close by, from which steps begin; ignored if their number differs.
     """
     count = inputs.shape[1]
+    is_near = near is not None and near.shape[1] == count
+    ends = np.cumsum([one.symbol.numel() for one in implicit])[:-1]
+    starts = np.split(near, ends) if is_near and near is not None else [np.zeros((3, count))] * len(implicit)
     parts = np.split(inputs, np.cumsum([one.arguments.numel() for one in implicit])[:-1]) if implicit else []
     values: list[Array] = [np.empty((0, count))] * len(implicit)
     for name in {one.function.name(): None for one in implicit if one.function is not None}:
         matching = [
             k for k, one in enumerate(implicit) if one.function is not None and one.function.name() == name
         ]
-        columns = _solve_implicit(implicit[matching[0]], np.hstack([parts[k] for k in matching]), call)
+        first = np.hstack([starts[k][:3] for k in matching])
+        given = np.hstack([parts[k] for k in matching])
+        columns = _solve_implicit(implicit[matching[0]], given, call, first)
         for k, value in zip(matching, np.hsplit(columns, len(matching)), strict=True):
             values[k] = value
     return np.vstack([np.empty((0, count)), *values])
@@ -56,10 +64,11 @@ def functions_of(implicits: Sequence[Implicit]) -> dict[str, ca.Function]:
     return {function.name(): function for function in functions if function is not None}
 
 
-def _solve_implicit(implicit: Implicit, inputs: Array, call: Call) -> Array:
+def _solve_implicit(implicit: Implicit, inputs: Array, call: Call, directions: Array) -> Array:
     """Solutions (m, N) of one inner iteration for columns of inputs (n, N).
 
-    Newton steps find the direction between convex shapes that are apart. Columns of shapes that overlap, or
+    Newton steps find the direction between convex shapes that are apart, from the given ones (3, N), where
+    they are zero from that of the centres. Columns of shapes that overlap, or
     that do not converge, are solved by the fixed iteration.
     """
     assert implicit.function is not None
@@ -67,7 +76,6 @@ def _solve_implicit(implicit: Implicit, inputs: Array, call: Call) -> Array:
         return call(implicit.function.name(), inputs)
     count = inputs.shape[1]
     solutions, active, remaining = np.empty((implicit.symbol.numel(), count)), np.arange(count), list[int]()
-    directions = np.zeros((3, count))
     for k in range(STEPS):
         step = call(implicit.ascent.name(), inputs[:, active], directions)
         directions, solution, (value, slope) = step[:3], step[3:9], step[9:]

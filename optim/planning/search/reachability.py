@@ -147,9 +147,10 @@ class _Postures:
             free = ~((held != 0) & (np.sign(pull) == held))
             free[-1] &= least < greatest
             jacobian, step = slopes[:, free], np.zeros(len(pull))
-            step[free] = np.linalg.solve(
-                jacobian.T @ jacobian + damping * np.eye(jacobian.shape[1]), pull[free]
-            )
+            # as least squares: with large slopes the normal equations are singular to rounding
+            rows = np.vstack([jacobian, np.sqrt(damping) * np.eye(jacobian.shape[1])])
+            right = np.append(-off, np.zeros(jacobian.shape[1]))
+            step[free] = np.linalg.lstsq(rows, right, rcond=None)[0]
             limited = [column not in shifts for column in (*self.columns, -1)]
             step /= max(1.0, np.abs(step[limited]).max())
             along = np.zeros(model.nv)

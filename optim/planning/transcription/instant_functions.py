@@ -168,7 +168,8 @@ def _instants(
             return call(name, z, *others)
         key = z.tobytes()
         if prefix not in cache or cache[prefix][0] != key:
-            cache[prefix] = key, implicit_values(iterated, call(f"{prefix}given", z), call)
+            near = cache[prefix][1] if prefix in cache else None  # of an iterate close by, mostly
+            cache[prefix] = key, implicit_values(iterated, call(f"{prefix}given", z), call, near)
         return call(name, z, cache[prefix][1], *others)
 
     return InstantFunctions(called, used, *(patterns + [none] * (4 - len(patterns))))
@@ -257,19 +258,12 @@ def _caller(
         else:
 
             def in_lanes(name: str, *given: Array) -> Array:
-                """Values (n, count) of a function at columns, in groups.
-
-                The last group is padded with the last column.
-                """
+                """Values (n, count) of a function at columns."""
                 if name in rare:
                     return in_turn(name, *given)
-                count, size = given[0].shape[1], functions[name].numel_out(0)
-                wide = [np.hstack([array, np.tile(array[:, -1:], -count % lanes)]) for array in given]
-                out = np.empty((size, count))
-                for begin in range(0, count if size else 0, lanes):
-                    group = [array[:, begin : begin + lanes] for array in wide]
-                    out[:, begin : begin + lanes] = library(name, *group)[0][:, : count - begin]
-                return out
+                if not (given[0].shape[1] and functions[name].numel_out(0)):
+                    return np.empty((functions[name].numel_out(0), given[0].shape[1]))
+                return library.columns(name, *given)
 
             return in_lanes, "compiled"
     return in_turn, "interpreted"
