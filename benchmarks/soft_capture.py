@@ -110,7 +110,7 @@ def symmetric(upper: Array) -> Array:
     return np.asarray(upper + np.triu(upper, 1).T)
 
 
-def flown(draw: Draw, wrench: Callable[[float], Array], knots: Array) -> tuple[Array, Array, Array]:
+def flown(draw: Draw, wrench: Callable[[Array | float], Array], knots: Array) -> tuple[Array, Array, Array]:
     """Times (n,), states of chaser (n, 13) and target (n, 7) under a wrench, by independent equations.
 
     The chaser's centre moves by the exact relative equations of two bodies in Hill axes, with x = (position,
@@ -211,15 +211,18 @@ def violations(times: Array, chaser: Array, target: Array, wrenches: Array) -> d
     }
 
 
-def wrench_of(motion: Motion) -> Callable[[float], Array]:
-    """Force and torque (6,) of a plan on the chaser at a time [s]."""
+def wrench_of(motion: Motion) -> Callable[[Array | float], Array]:
+    """Force and torque of a plan on the chaser at a time [s], (6,), or at times (n,), (n, 6)."""
     knots, points = np.array(motion.mesh.knots) * motion.duration_s, motion.lobatto.points
+    coefficients = np.array(motion.lobatto.basis)  # (points, powers), lowest first
+    rows = np.arange(motion.intervals)[:, None] * (points - 1) + np.arange(points)
+    polynomials = np.einsum("kp,nku->npu", coefficients, motion.u[rows])
 
-    def wrench(time: float) -> Array:
-        n = int(np.clip(np.searchsorted(knots, time, side="right") - 1, 0, motion.intervals - 1))
+    def wrench(time: Array | float) -> Array:
+        n = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, motion.intervals - 1)
         place = (time - knots[n]) / (knots[n + 1] - knots[n])
-        rows = slice(n * (points - 1), (n + 1) * (points - 1) + 1)
-        return np.asarray(motion.lobatto.values_at(np.array([place]))[0] @ motion.u[rows])
+        powers = np.asarray(place)[..., None] ** np.arange(coefficients.shape[1])
+        return np.einsum("...p,...pu->...u", powers, polynomials[n])
 
     return wrench
 
@@ -243,10 +246,10 @@ def planned(draw: Draw) -> dict[str, Any]:
     spent, motion = time.process_time() - began, plan.motion
     knots, wrench = np.array(motion.mesh.knots) * motion.duration_s, wrench_of(motion)
     times, chaser, target = flown(draw, wrench, knots)
-    wrenches = np.array([wrench(t) for t in times])
+    wrenches = wrench(times)
     excess = violations(times, chaser, target, wrenches)
     fine = np.linspace(0, motion.duration_s, 20 * len(times))
-    forces = np.array([wrench(t)[:3] for t in fine])
+    forces = wrench(fine)[:, :3]
     return {
         "status": "verified" if all(value <= ALLOWED for value in excess.values()) else "violated",
         "cpu_s": spent,
