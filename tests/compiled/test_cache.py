@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 import pytest
 from rich.status import Status
 
@@ -47,6 +48,35 @@ def test_second_time_comes_from_the_cache(folder):
     assert list(folder.iterdir()) == [first.path]  # nothing temporary stays
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert stat.S_IMODE(first.path.stat().st_mode) == 0o600
+
+
+@pytest.mark.compiler
+def test_a_process_finds_a_library_without_its_sources(folder, monkeypatch):
+    x = ca.SX.sym("x")
+    function = ca.Function("f", [x], [ca.sin(x) + 0.125])
+    first = compile_functions({"f": function})
+
+    def refuse(*_, **__):
+        raise AssertionError("sources are generated again")
+
+    monkeypatch.setattr("spacerobot.compiled.library.source_units", refuse)
+    second = compile_functions({"f": ca.Function("f", [x], [ca.sin(x) + 0.125])})
+    assert second.cached
+    assert second.path == first.path
+    assert second("f", 1.0)[0] == first("f", 1.0)[0]
+    with pytest.raises(AssertionError, match="again"):
+        compile_functions({"f": ca.Function("f", [x], [ca.sin(x) + 0.25])})
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("count", [1, 7, 8, 19])
+def test_columns_are_those_of_single_evaluations(folder, count):
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
+    function = ca.Function("f", [x, y], [ca.vertcat(ca.sin(x) * y[0], y[1])])
+    library = compile_functions({"f": function}, lanes=find_toolchain().lanes)
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(size=(3, count)), rng.normal(size=(2, count))
+    np.testing.assert_allclose(library.columns("f", one, other), function(one, other).full(), rtol=1e-12)
 
 
 def test_another_source_width_or_compiler_flag_is_another_entry(folder):
