@@ -21,7 +21,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from optim.planning.formulation.stage import PlanningProblem
-from optim.planning.transcription.initial_guess import base_shifts, drift
+from optim.planning.transcription.initial_guess import base_shifts, drift, inverse_kinematics, is_guided
 from optim.planning.transcription.lobatto import Lobatto
 from spacerobot.common.arrays import Array
 from spacerobot.elements.goals.plan_instant import BoundedRow
@@ -112,6 +112,11 @@ class _Postures:
         """Initial postures: the scenario's, then random ones, at instants between the duration's limits."""
         model, (least, greatest, guessed) = self.problem.stage.scene.model, self.problem.duration
         rng, (lower, upper) = np.random.default_rng(0), self._sides
+        if is_guided(self.problem):  # from the goal's place at the target, which is far from the start
+            part = float(guessed) / greatest
+            q = self._at(self.drift[0][0], part, np.ones(model.nv, dtype=bool))
+            speeds = self.drift[1][round(part * INSTANTS)]
+            yield inverse_kinematics(self.problem, q, speeds, self.columns), part
         for k in range(POSTURES):
             part = float(guessed if k == 0 else rng.uniform(least, greatest)) / greatest
             q = self._at(self.drift[0][0], part, np.ones(model.nv, dtype=bool))

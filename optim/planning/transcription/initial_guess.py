@@ -65,7 +65,7 @@ def initial_guess(
         step, moved = np.zeros(model.nv), list(driven.columns)
         step[moved] = rng.normal(0.0, SPREAD, len(moved))
         first = _clipped(problem, pin.integrate(model, first, step))
-    ends = _inverse_kinematics(problem, first, drift_v[-1], moved)
+    ends = inverse_kinematics(problem, first, drift_v[-1], moved)
     way = np.zeros(model.nv)
     way[columns] = pin.difference(model, drift_q[-1], ends)[columns]
     share = lobatto.times(mesh, 1.0)
@@ -160,7 +160,7 @@ def _approaches(problem: PlanningProblem, lobatto: Lobatto) -> dict[str, TargetA
     for body in bodies:
         joint = model.joints[body.root_joint]
         columns = [*range(joint.idx_v, joint.idx_v + joint.nv)]
-        ends = _inverse_kinematics(problem, drift_q[near].copy(), drift_v[near], columns)
+        ends = inverse_kinematics(problem, drift_q[near].copy(), drift_v[near], columns)
         mated = places[near].actInv(_placement(ends[joint.idx_q : joint.idx_q + joint.nq]))
         begin = _placement(problem.fixed[joint.idx_q : joint.idx_q + joint.nq])
         rate = stage.driven.strength(body.name, "f") / np.sqrt(3)
@@ -296,7 +296,7 @@ def drift(
     return np.array(qs), np.array(vs)
 
 
-def _inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: list[int]) -> Array:
+def inverse_kinematics(problem: PlanningProblem, q: Array, v: Array, columns: list[int]) -> Array:
     """Configuration near the given one, moved along ``columns`` of v, near the goal's poses and postures."""
     stage, model = problem.stage, problem.stage.scene.model
     rows = ca.vertcat(*(row.value for row in problem.goal))

@@ -17,6 +17,7 @@ from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.formulation.rows import functions_of, implicit_values
 from optim.planning.search.make_plan import arrival_requests, make_plan
 from optim.planning.search.plan_solver import PlanSolver, with_margins
+from optim.planning.search.reachability import check_posture
 from optim.planning.transcription.initial_guess import initial_guess, is_guided
 from optim.planning.transcription.instant_functions import _caller
 from optim.planning.transcription.lobatto import Lobatto
@@ -259,3 +260,11 @@ def test_a_rare_function_is_interpreted_where_others_are_compiled():
     assert (backend, calls) == ("compiled", [{"often"}])
     np.testing.assert_allclose(call("often", columns), 2 * columns)
     np.testing.assert_allclose(call("rare", columns), 3 * columns)
+
+
+@pytest.mark.parametrize("draw", [48, 109])
+def test_a_place_at_a_tumbling_target_far_away_is_within_reach(draw):
+    # steps from the start alone ended elsewhere for the one, and at a singular matrix for the other
+    changes = draws(draw + 1)[draw].changes() | {"plan.keep_out": {}}
+    (phase,) = formulate_phases(load_scene("soft-capture", changes))
+    check_posture(phase.problem)
