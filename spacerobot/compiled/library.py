@@ -245,10 +245,10 @@ def cached_library(
         try:
             path = cache.store(folder, key, make(folder))
         except CompileError:
-            path = cache.find(folder, f"{general}?*") if compiler else None
-            if path is None:
+            other = cache.find(folder, f"{general}?*") if compiler else None
+            if other is None:
                 raise
-            return path, ctypes.CDLL(str(path)), True
+            return other, ctypes.CDLL(str(other)), True
         return path, ctypes.CDLL(str(path)), False
     except OSError as error:
         raise CompileError(f"the compiled library cannot be made or loaded: {error}") from error

@@ -36,7 +36,7 @@ def implicit_values(
 
     Args:
         implicit: Inner iterations.
-        inputs: Values of their arguments ``given``, stacked (m, N).
+        inputs: Values of their ``arguments``, stacked (m, N).
         call: Evaluates one of their functions, by name, for columns.
         near: Results for inputs close by, from which steps begin; ignored if their number differs.
     """
