@@ -153,7 +153,7 @@ class EstimatorView(EstimatorContext):
             assert target is not None, "scenes without a target are refused"
             body, dimension, label = target, "tip", f"{self.robot}/{frames[0]}"
         if true.size2() == 3:
-            # # the measured frame is fixed in the root link, whose attitude follows
+            # the measured frame is fixed in the root link, whose attitude follows
             root = self.plant.placement(body.root_frame)[0]
             last = ca.mtimes(attitude_of(last), ca.mtimes(true.T, root))
         sample = Sample(f"{signal}{BODY_AXES * of_body}", dimension, label, last, body.name)

@@ -40,7 +40,7 @@ def initial_state(scene: Scene, parameters: Parameters) -> InitialState:
             vector = parameters.sparse_vector(f"{closing.body.path}.base.align_rotation_deg")
             orientation = base_alignment.aligned(scene.model, closing, turned, _turn(vector * DEGREE))
             turned[closing.body.root_joint] = _align(scene.model, closing, orientation, q, v)
-        # # translate a base, and set its velocity, so that its grasp starts closed
+        # translate a base, and set its velocity, so that its grasp starts closed
         root = closing.body.root_joint
         joint = scene.model.joints[root]
         kinematics = forward_kinematics(scene.model, q, v if closing.sets_velocity else None)

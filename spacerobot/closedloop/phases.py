@@ -72,7 +72,7 @@ class _Phases:
         """Events that end a phase, and those that mark the start and end of settling."""
         phase, (following, on_timeout) = self.phases[name], successors(self.phases)[name]
         if phase.until is not None and phase.until.settled is not None and phase.until.settled.dwell:
-            # # a body starts and stops moving slowly enough
+            # a body starts and stops moving slowly enough
             settled = phase.until.settled
             room, switch = self._room(name, settled), self._settling_switch(name)
             active = self.context.phases[name]

@@ -81,10 +81,7 @@ def onboard_software(scene: Scene, loop: ClosedLoop) -> OnboardSoftware:
 
 @dataclass(frozen=True)
 class _Draft:
-    """Task before extraction: its expressions (n x 1 each) may depend on any symbol of the closed loop.
-
-    New values have the names of the states that they replace.
-    """
+    """Task before extraction: expressions (n x 1 each) of any symbol; new values are named as the states."""
 
     name: str
     path: str

@@ -105,7 +105,7 @@ class Episodes:
     def __init__(self, task: SceneTask, count: int, roll: Roll) -> None:
         self.task, self._roll, self._np = task, roll, len(task.loop.parameter_paths)
         width = self._np + len(task.loop.state_names) + 1 + len(task.loop.switches)
-        # # parameters, time, state and switches at the start of the next step
+        # parameters, time, state and switches at the start of the next step
         self.rows = np.zeros((count, width))
         self.drawn = np.zeros((count, self._np))
         self.running = np.zeros(count, bool)
@@ -127,7 +127,7 @@ class Episodes:
         task = self.task
         self.drawn[rows] = [task.draw(generator) for generator in generators]
         self.rows[rows] = task.begin(self.drawn[rows])
-        # # outputs and quantities with a nonzero initial value, after zero time
+        # outputs and quantities with a nonzero initial value, after zero time
         segment = self._roll(self.rows[rows], SHORT)
         for name, measure in task.quantity_measures.items():
             values = segment.measures[name]

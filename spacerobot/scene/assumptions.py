@@ -170,7 +170,7 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
     ]
     for body, path, element in robot_elements(scene):
         warnings += [f"{path}: {caution}" for caution in element.cautions(robot_facts(scene, body))]
-    # # stated positions and velocities that grasps override
+    # stated positions and velocities that grasps override
     for closing in find_closings(scene.bodies, scene.grasps):
         base, path, free = closing.body.base, f"{closing.body.path}.base", range(closing.axes)
         placement, linear, spin = _base_motion(scene, closing.body)

@@ -55,14 +55,14 @@ def check_masses(scenario: Scenario, descriptions: Mapping[str, Description], *,
             raise ScenarioError(message, source=source, where=f"{path}.{place}") from None
         moved: dict[str, Array] = {}
         for name in config.flexible:
-            # # the moving part of a flexible link must not exceed the link: the remainder must be
+            # the moving part of a flexible link must not exceed the link: the remainder must be
             # semidefinite
             flexible = config.flexible[name]
             carrier = flexible.carrier(name)
             link = _with_masses(find_link(description, carrier), config.links.get(carrier))
             spatial = pin.Inertia(link.mass, link.com, np.zeros((3, 3))).matrix()
             spatial[3:, 3:] += link.inertia
-            # # including the parts that other sections subtract from the same link
+            # including the parts that other sections subtract from the same link
             moving = moved.get(carrier, 0.0) + flexible.moving_inertia(description, name)
             moved[carrier] = moving
             scale = np.sqrt(np.maximum(np.diag(spatial), np.diag(moving)))
@@ -250,7 +250,7 @@ def check_elements(scene: Scene) -> None:
             where = f"{path}.{key}" if key else path
             raise ScenarioError(message, source=scene.source, where=where)
     for body in scene.robots:
-        # # elements that act on a fixed base, and controllers whose wrench on a base no actuator delivers
+        # elements that act on a fixed base, and controllers whose wrench on a base no actuator delivers
         elements = [entry for entry in robot_elements(scene) if entry[0] is body]
         delivered = {
             part
@@ -258,7 +258,7 @@ def check_elements(scene: Scene) -> None:
             if isinstance(element, Actuator)
             for part in element.base_wrench
         }
-        # # unloading needs wheels listed after it; failures must come after their detection
+        # unloading needs wheels listed after it; failures must come after their detection
         actuators = [(path, part) for _, path, part in elements if isinstance(part, Actuator)]
         wheels = [actuator.has_wheels for _, actuator in actuators]
         for place, (path, actuator) in enumerate(actuators):
@@ -295,7 +295,7 @@ def check_elements(scene: Scene) -> None:
                 source=scene.source,
                 where=path,
             )
-        # # two estimators of one signal, and an estimator without measurements
+        # two estimators of one signal, and an estimator without measurements
         made: dict[str, str] = {}
         estimators = body.config.estimators if isinstance(body.config, Robot) else {}
         for key, estimator in estimators.items():

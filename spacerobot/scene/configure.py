@@ -45,7 +45,7 @@ def initial_state(
             else:
                 q[pin_joint.idx_q] = angle
             turned[index] = base_alignment.joint(model, index, np.cos(angle / 2), np.sin(angle / 2))
-        # # a floating base as stated, zero for coordinates that a grasp determines
+        # a floating base as stated, zero for coordinates that a grasp determines
         if body.root_joint:
             closing = giving.get(body.name)
             root = model.joints[body.root_joint]
@@ -63,7 +63,7 @@ def initial_state(
             turned[body.root_joint] = _turn(body.base.rotation_deg)
     for closing in closings:
         if closing.aligns:
-            # # rotate a base so that its grasp starts aligned, and express its stated velocity in the new
+            # rotate a base so that its grasp starts aligned, and express its stated velocity in the new
             # axes
             joint = model.joints[closing.body.root_joint]
             offset = _turn(closing.body.base.align_rotation_deg)
@@ -79,7 +79,7 @@ def initial_state(
             for first in range(joint.idx_v, joint.idx_v + joint.nv - 1, 3):
                 v[first : first + size] = rotation[:size, :size].T @ v[first : first + size]
             turned[closing.body.root_joint] = orientation
-        # # translate a base, and set its velocity, so that its grasp starts closed
+        # translate a base, and set its velocity, so that its grasp starts closed
         data = model.createData()
         pin.forwardKinematics(model, data, q, v)
         pin.updateFramePlacements(model, data)

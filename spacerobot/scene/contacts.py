@@ -101,7 +101,7 @@ class _Finder:
         pattern = side.partition("/")[2]
         names = [link.name for link in body.description.links]
         matching_links = set(matching(names, pattern))
-        # # all pieces of a flexible link
+        # all pieces of a flexible link
         links = [
             link
             for link in body.description.links

@@ -46,7 +46,7 @@ def envelope_warnings(scene: Scene) -> list[str]:
                 f"{grasp.tip.body.name} and the target come no nearer than {nearest:.4g} m, and the tip "
                 f"reaches {reach:.4g} m from the one, the mating frame {other:.4g} m from the other"
             )
-    # # a capture changes the motion of the target for the other grasps
+    # a capture changes the motion of the target for the other grasps
     return distant if len(distant) == len(open_grasps) else []
 
 

@@ -78,7 +78,7 @@ def find_closings(
         ScenarioError: If placements depend on each other, or a grasp does not involve the body that it should
             place.
     """
-    # # Grasp that places each base with ``close_grasp``, by name of the body.
+    # Grasp that places each base with ``close_grasp``, by name of the body.
     by_name = {grasp.name: grasp for grasp in grasps}
     gives = {
         body.name: by_name[body.base.close_grasp] for body in bodies if body.base.close_grasp is not None

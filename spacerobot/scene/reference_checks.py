@@ -70,7 +70,7 @@ def out_of_reach(scene: Scene) -> list[str]:
         pivot = begin
         if tip.from_target and scene.target is not None:
             pivot = data.oMf[scene.target.root_frame].translation
-        # # positions (n, 3) [m] of the tip along a reference; the lever rotates with the reference
+        # positions (n, 3) [m] of the tip along a reference; the lever rotates with the reference
         lever = begin - pivot
         displacements, rotations = tip.reference.way()
         points: Array = pivot + displacements + np.array([pin.exp3(turn) @ lever for turn in rotations])
@@ -111,7 +111,7 @@ def reach(scene: Scene, body: SceneBody, frame: int) -> float:
     end, root = scene.model.frames[frame], scene.model.frames[body.root_frame]
     lengths = lengths_to_root(scene, body, int(end.parentJoint), np.array(end.placement.translation))
     length, point = lengths[int(root.parentJoint)]
-    # # a fixed root link is part of the universe; a floating one is the root joint itself
+    # a fixed root link is part of the universe; a floating one is the root joint itself
     return length + float(np.linalg.norm(point - root.placement.translation * (not body.root_joint)))
 
 

@@ -177,7 +177,7 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
                 description = mounted(description, arm, name, mount["link"], mounting)
             except DescriptionError as fault:
                 raise ScenarioError(fault.message, source=source, where=where) from None
-        # # links where the scenario places them; values equal to the URDF's keep the exact numbers
+        # links where the scenario places them; values equal to the URDF's keep the exact numbers
         origins = {}
         joints = {joint.child: joint.origin for joint in description.joints}
         for link, placement in body["placements"].items():
@@ -236,7 +236,7 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
                 if link.mass > 0 and inertia.any():
                     from_urdf["inertia_at_mass"] = float(link.mass)
             link_section = from_urdf | section
-            # # an inertia stated for another mass is scaled to the link's mass
+            # an inertia stated for another mass is scaled to the link's mass
             mass, belongs = link_section["mass"], link_section.get("inertia_at_mass")
             if belongs is not None and belongs != mass:
                 link_section["inertia"] = [value * (mass / belongs) for value in link_section["inertia"]]

@@ -116,7 +116,7 @@ def scene_nodes(scene: Scene) -> tuple[Node, ...]:
     A body's root is a node even without shapes; for a body without any shapes, all joints are nodes.
     """
     nodes = []
-    # # Pads of contacts: the body and joint that carry each, and its drawn solids.
+    # Pads of contacts: the body and joint that carry each, and its drawn solids.
     pairs = [pair for contact in scene.contacts for pair in contact.pairs]
     pads = []
     for pad in dict.fromkeys(shape for pair in pairs for shape in pair if shape.path is not None):

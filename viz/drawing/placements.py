@@ -36,7 +36,7 @@ def joint_placements(scene: Scene, joints: Sequence[JointModel], q: Array) -> Jo
     model = scene.model
     rotation, origin = np.zeros((model.njoints, len(q), 3, 3)), np.zeros((model.njoints, len(q), 3))
     rotation[0] = np.eye(3)
-    # # origins (nt, 3) [m] and rotation vectors (nt, 3) [rad] of the joints' moved frames in their rest
+    # origins (nt, 3) [m] and rotation vectors (nt, 3) [rad] of the joints' moved frames in their rest
     # frames
     places, vectors = np.zeros((len(joints), len(q), 3)), np.zeros((len(joints), len(q), 3))
     for joint, place, vector in zip(joints, places, vectors, strict=True):

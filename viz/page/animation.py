@@ -101,7 +101,7 @@ def shown_data(
     words = f"{kind}, {simulated_s:.4g} s, simulated by {engine}"
     if scenario.description and len({one.result.scenario.name for one in results}) == 1:
         words = f"{scenario.description} ({words})"
-    # # warnings to display next to the picture
+    # warnings to display next to the picture
     prefixes = [f"{one.label}: " if len(results) > 1 else "" for one in results]
     lines = [
         k + line for k, one in zip(prefixes, results, strict=True) for line in notices(one.result, one.scene)

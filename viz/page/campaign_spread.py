@@ -98,7 +98,7 @@ class CampaignSpread:
         paths = np.reshape(
             self._paths[:MOST_PATHS], (min(MOST_PATHS, len(self._paths)), len(self._time), tips, 3)
         )
-        # # quantiles of the rollouts that are still running at each time; NaN if none is
+        # quantiles of the rollouts that are still running at each time; NaN if none is
         bands = np.full((len(self._signals), len(QUANTILES), len(self._time)), np.nan)
         for band, rows in zip(bands, map(np.array, self._signals.values()), strict=True):
             has_values = np.isfinite(rows).any(axis=0)

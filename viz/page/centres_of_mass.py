@@ -60,7 +60,7 @@ def mass_data(result: Result, scene: Scene, motion: BodyMotion) -> dict[str, Any
     momenta = np.concatenate([body_momenta, result.array("momentum_linear")[rows][:, None]], axis=1)
     count = len(rows) if result.completed else max(1, int(0.8 * len(rows)))
     greatest = float(np.linalg.norm(momenta[:count], axis=-1).max(initial=0.0))
-    # # total momentum of a free robot is rounding compared with the momenta of its moving parts
+    # total momentum of a free robot is rounding compared with the momenta of its moving parts
     inner = float(np.sqrt(2 * masses.sum() * result.array("energy_kinetic")[rows].max()))
     return {
         "centres": packed(np.concatenate([centres, centre[:, None]], axis=1)),

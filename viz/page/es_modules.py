@@ -54,9 +54,9 @@ def joined(entry: str, read: Callable[[str], str]) -> str:
         for _, source in IMPORT.findall(text):
             visit(_resolved(path, source))
         importing.pop()
-        # # the module as a constant that holds its exports
+        # the module as a constant that holds its exports
         exports = DECLARED.findall(text)
-        # # "a as b" becomes {a: b} in an import, and {b: a} in an export
+        # "a as b" becomes {a: b} in an import, and {b: a} in an export
         for names in LISTED.findall(text):
             exports += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
         body = LISTED.sub("", DECLARED.sub("", COMMENT.sub("", text)))

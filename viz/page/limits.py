@@ -24,7 +24,7 @@ def drawn_limits(scene: Scene) -> Limits:
             "grip force": release and release.force,
         }
         limits |= {(title, grasp.name): (None, limit) for title, limit in envelope_limits.items() if limit}
-    # # maximum speeds and motor torques of reaction wheels
+    # maximum speeds and motor torques of reaction wheels
     robots = ((body.name, body.config) for body in scene.bodies if isinstance(body.config, Robot))
     for robot, where, actuator in (
         (name, *driven) for name, robot_limits in robots for driven in robot_limits.driven_by()
@@ -52,7 +52,7 @@ def joint_limits(scene: Scene) -> Limits:
             turns = joint.kind != "prismatic"
             factor = np.degrees(1.0) if turns else 1e3
             names = ("angle", "rate", "torque") if turns else ("travel", "speed", "force")
-            # # an effort or velocity of 0 in a URDF means that none was stated
+            # an effort or velocity of 0 in a URDF means that none was stated
             velocity, effort = (joint.velocity or np.inf) * factor, joint.effort or np.inf
             limits = ((joint.lower * factor, joint.upper * factor), (-velocity, velocity), (-effort, effort))
             for name, ends in zip(names, limits, strict=True):

@@ -124,7 +124,7 @@ class Loopback:
         for stream in list(self._streams):
             stream.close()
         self._loop.run_until_complete(asyncio.sleep(0.05))  # lets the pages hear of it
-        # # a browser would reuse an open connection for the next viewer at this port, and wait in vain
+        # a browser would reuse an open connection for the next viewer at this port, and wait in vain
         self._loop.run_until_complete(server.close_all_connections())
         self._loop.close()
 

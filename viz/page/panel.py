@@ -23,7 +23,7 @@ def panel_data(results: Sequence[Result], names: Sequence[str]) -> dict[str, Any
             result, with its ``name``, ``values`` of the metrics (None if missing) and ``numbers`` (texts by
             dotted path).
     """
-    # # value and unit of each quantity of a result; empty for a diverged one
+    # value and unit of each quantity of a result; empty for a diverged one
     tables: list[dict[str, tuple[float | None, str]]] = []
     for result in results:
         summary, is_completed = result.summary, result.completed

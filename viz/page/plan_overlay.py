@@ -41,7 +41,7 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     # The plan's motion in frames; between its points configurations are splined.
     end = float(plan.time.values[-1])
     time = np.linspace(0.0, end, max(2, round(end * FRAMES_PER_S) + 1))
-    # # Two rows at the boundary of two phases have the same time; one of them is used.
+    # Two rows at the boundary of two phases have the same time; one of them is used.
     first = np.append(True, np.diff(plan.time.values) > 0)
     rows = plan.time.values[first]
     q, tips = (CubicSpline(rows, plan[name].values[first], axis=0)(time) for name in ("q", "tip_position"))

@@ -206,7 +206,7 @@ def plan(scene: Scene, folder: Path, job: Job) -> Path | None:
         return None
     write(planned, folder)
     followed = folder / FOLLOWED
-    # # the reopened page restores its state from this
+    # the reopened page restores its state from this
     text = followed.read_text(encoding="utf-8")
     write_text(followed, re.sub(r"(?m)^name: .*$", f"name: {folder.name}", text, count=1))
     job.tell(

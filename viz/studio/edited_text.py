@@ -41,7 +41,7 @@ def edited(text: str, changes: Mapping[str, Any]) -> str | None:
             node, keys = child, keys[1:]
         begin, end = node.start_mark.index, node.end_mark.index
         if keys:
-            # # a new key in a mapping, with nested sections
+            # a new key in a mapping, with nested sections
             if not isinstance(node, yaml.MappingNode) or not (node.flow_style or node.value):
                 return None
             for key in reversed(keys[1:]):

@@ -47,7 +47,7 @@ def loop_margins_job(plants: DesignCache, _: PreparedDesign, __: Mapping[str, fl
         at=linear.label,
         growing=len(linear.growing),
         units=UNITS,
-        # # infinite margins become null, as do all margins of a loop with a time-varying linearisation
+        # infinite margins become null, as do all margins of a loop with a time-varying linearisation
         loops=[
             {"name": one.name, "varies": math.isnan(one.disk)} | {name: getattr(one, name) for name in UNITS}
             for one in ranked
