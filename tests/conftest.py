@@ -118,8 +118,7 @@ INTERPRETED = (
     "tests/optim/campaign/test_campaign_cli.py",
     "tests/optim/comparison/test_comparison.py",
     "tests/optim/problem/",
-    "tests/optim/robust/",
-    "tests/optim/workers/",
+    "tests/optim/robust/test_worst_margins.py",
 )
 """Where rollouts are so few and so short that to compile them takes longer than they do."""
 
