@@ -20,7 +20,7 @@ from spacerobot.scene import Scene, build_scene
 
 @dataclass(frozen=True)
 class DesignEvaluator:
-    """Rolls out designs, given by dotted paths, on the nominal plant and on others.
+    """Evaluator of designs, values by dotted path, on the nominal plant and on plants that deviate from it.
 
     Attributes:
         scene: The scene of one variant, with sensors whose offsets can be varied.

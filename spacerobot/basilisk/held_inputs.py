@@ -44,7 +44,7 @@ class BasiliskCommands(RobotController):
         return Contribution(states=(held,), torques=(CommandedTorque(robot.name, torque),))
 
     def words(self) -> str:
-        """Source of the commands."""
+        """Short description: the source of the commands."""
         return "commands of Basilisk's messages"
 
 

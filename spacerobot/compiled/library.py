@@ -87,7 +87,7 @@ class Library:
         """Evaluate the first output of a function for many argument sets, ``lanes`` of them in each call.
 
         Args:
-            name: Which.
+            name: Name of the function.
             arguments: One array for each input, with a column for each set (n, N).
 
         Returns:

@@ -75,7 +75,7 @@ class _Mass:
     inertia: Array
 
     def moved(self, placement: Array) -> _Mass:
-        """Mass properties in another frame, in which the present frame has a placement (4, 4)."""
+        """Mass properties in another frame; ``placement`` (4, 4) is the pose of the present frame in it."""
         turn = placement[:3, :3]
         return _Mass(self.mass, turn @ self.com + placement[:3, 3], turn @ self.inertia @ turn.T)
 

@@ -217,7 +217,7 @@ def tune(plants: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float
 
 
 class MonitoredProblem:
-    """A problem whose evaluations report their progress to a page, which may stop them.
+    """Tuning problem whose evaluations report their progress to a page; the page can stop them.
 
     Args:
         problem, metric: The problem, and the page's metric for its objective.

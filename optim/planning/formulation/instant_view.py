@@ -58,7 +58,9 @@ class PlannedBase(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InstantView:
-    """View of an instant for one section: a :class:`spacerobot.elements.goals.plan_instant.PlanInstant`.
+    """Instant of a plan as one section of the scenario reads it, for its goals, limits and costs.
+
+    Implements :class:`spacerobot.elements.goals.plan_instant.PlanInstant`.
 
     Attributes:
         stage: The instant.

@@ -67,9 +67,9 @@ def functions_of(implicits: Sequence[Implicit]) -> dict[str, ca.Function]:
 def _solve_implicit(implicit: Implicit, inputs: Array, call: Call, directions: Array) -> Array:
     """Solutions (m, N) of one inner iteration for columns of inputs (n, N).
 
-    Newton steps find the direction between convex shapes that are apart, from the given ones (3, N), where
-    they are zero from that of the centres. Columns of shapes that overlap, or
-    that do not converge, are solved by the fixed iteration.
+    Newton steps find the direction between convex shapes that are apart, from the initial ones (3, N);
+    a zero column begins at the direction between the centres. Columns of shapes that overlap, or that do not
+    converge, are solved by the fixed iteration.
     """
     assert implicit.function is not None
     if implicit.ascent is None:

@@ -80,10 +80,8 @@ def solve_request(solver: PlanSolver, request: SolveRequest) -> SolveResult:
     run = _SolverRuns(solver if near is None else solver.keeping_apart(near.apart), request)
     if near is not None and request.is_solved:
         run.cost, run.cause = near.cost, near.cause
-        run.optimum, run.cleared = (
-            None if near.solution is None else (near.solution, near.meshes),
-            near.solution,
-        )
+        run.optimum = None if near.solution is None else (near.solution, near.meshes)
+        run.cleared = near.solution
     else:
         run.solve(near)
         run.clear()

@@ -27,7 +27,7 @@ MAX_DELAY = 16
 
 
 class PeriodicSection(Section):
-    """Section of what happens at the instants of a clock, and takes effect with a delay."""
+    """Section of an element that a clock evaluates; its values take effect after a delay."""
 
     period: float = quantity(
         "s", "time between two instants, the first at the start", gt=0, recurs=MAX_SAMPLES
