@@ -210,7 +210,9 @@ def _refined(
         problem = problem.refined
         session = SearchSession(None, problem.workers, progress)
         (run,) = run_method(problem, "nlp_ga", effort, first=np.array(best.u), session=session).runs
-        message = f"{run.message}; step refined to {problem.rollout.grid.step_s:.3g} s: {doubt}"
+        step = problem.rollout.grid.step_s
+        doubt = doubt.removeprefix("inaccurate: step: ")
+        message = f"{run.message}; tuned again with a step of {step:.3g} s, because {doubt}"
         run = dataclasses.replace(run, method=best.method, cost=best.cost + run.cost, message=message)
         outcome = dataclasses.replace(outcome, runs=(run,))
     return problem, outcome

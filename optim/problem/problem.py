@@ -83,6 +83,15 @@ class Linearisation:
         return cls(**named | numbers)  # type: ignore[arg-type]
 
 
+NOUNS = {
+    "rollouts": "rollout",
+    "samples": "recorded rollout",
+    "gradients": "gradient",
+    "slopes": "directional derivative",
+}
+"""Nouns for the kinds of evaluation in texts."""
+
+
 @dataclass(frozen=True)
 class EvaluationCost:
     """Number of evaluations by kind; an evaluation of several plants counts as one.
@@ -108,10 +117,11 @@ class EvaluationCost:
         return EvaluationCost(*(count * each for each in astuple(self)))
 
     def __str__(self) -> str:
-        counts = [
-            f"{count} {kind if count > 1 else kind[:-1]}" for kind, count in asdict(self).items() if count
+        counts = asdict(self)
+        texts = [
+            f"{counts[kind]} {noun}{'s' * (counts[kind] > 1)}" for kind, noun in NOUNS.items() if counts[kind]
         ]
-        return ", ".join(counts) or "no rollouts"
+        return ", ".join(texts) or "no rollouts"
 
     def equivalent(self, gradient: float, slope: float = 3.0, sample: float = 1.2) -> float:
         """Total cost in plain rollouts, with the cost of each other kind of evaluation in plain rollouts."""

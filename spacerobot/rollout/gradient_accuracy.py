@@ -61,7 +61,6 @@ def inaccurate(
             k = int(off.argmax())
             worst = float(off[k])
             part = f"{100 * worst:.0f} %" if worst < 10 else "more than 1000 %"
-            reason = (
-                f"inaccurate: step: half of it changes the derivative of '{name}' by '{paths[k]}' by {part}"
-            )
+            change_text = f"the derivative of '{name}' by '{paths[k]}' by {part}"
+            reason = f"inaccurate: step: half the step changes {change_text}"
     return reason

@@ -76,7 +76,7 @@ def test_friction_inside_too_coarse_steps_is_told_by_the_status():
     wrong, right = (rollout.value_and_gradient(rough, wrt=wrt) for rollout in (coarse, fine))
     assert wrong.costs["turned"] == pytest.approx(right.costs["turned"], rel=1e-2)
     assert abs(wrong.gradients["turned"][0]) > 6 * abs(right.gradients["turned"][0])
-    assert wrong.status[0].startswith("inaccurate: step: half of it changes the derivative of 'turned' by")
+    assert wrong.status[0].startswith("inaccurate: step: half the step changes the derivative of 'turned' by")
     assert right.status == ("exact",)
     assert coarse.value_and_gradient(wrt=wrt).status == ("exact",)
     assert coarse.jacobian(rough, wrt=wrt).status.startswith("inaccurate: step")

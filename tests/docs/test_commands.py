@@ -46,6 +46,10 @@ CHEAP = ("check", "kinds", "make-arm", "new", "scenarios", "schema")
 """Commands that run; drafts without their simulation."""
 SHORT = (
     "run paper --set 'robots.*.tips.tip.pid.kp=400' --out out/paper",
+    "report out/paper",
+    "export out/paper paper.csv",
+    "run caught-unknown --out out/caught",
+    "identify out/caught",
     "run mine.yaml --out out/mine",
     "run arm.yaml --plugin eight.py --set 'robots.mine.tips.tip.reference={kind: eight, duration: 3}'",
 )

@@ -26,7 +26,7 @@ def test_a_small_derivative_that_half_the_step_changes_is_inaccurate(elasticity)
     slopes = elasticity * VALUE["peak"][0] / PARAMETERS
     assert status(slopes, slopes) == ""
     assert status(slopes * [1.17, 1], slopes) == (
-        "inaccurate: step: half of it changes the derivative of 'peak' by 'friction' by 17 %"
+        "inaccurate: step: half the step changes the derivative of 'peak' by 'friction' by 17 %"
     )
     assert "'stiffness' by more than 1000 %" in status(slopes * [1, -120], slopes)
 

@@ -34,9 +34,9 @@ def command(
 
     Examples:
 
-        spacerobot identify out/servicer
+        spacerobot identify out/caught
 
-        spacerobot identify out/servicer --noise 1 --since 5
+        spacerobot identify out/caught --noise 1 --since 20
     """
     load_plugins_of([result])
     with progress("identifying"):

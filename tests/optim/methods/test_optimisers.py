@@ -277,7 +277,7 @@ def test_the_books_tell_each_kind_and_the_point_that_improved():
     assert [m.cost.rollouts for m in search.history] == [1, 3, 4, 4]
     assert [m.cost.gradients for m in search.history] == [0, 0, 0, 1]
     assert EvaluationCost(3, 2, 5).equivalent(4.0, 3.0) == 3 + 8 + 15
-    assert str(EvaluationCost(3, 0, 5)) == "3 rollouts, 5 slopes"
+    assert str(EvaluationCost(3, 0, 5)) == "3 rollouts, 5 directional derivatives"
 
 
 def test_feasible_points_beat_infeasible_ones():
