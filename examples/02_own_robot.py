@@ -1,4 +1,4 @@
-"""Your own robot: a URDF, a scenario beside it, and what spacerobot understood of them."""
+"""Your own robot: a URDF, a scenario that uses it, and the assumptions that were made."""
 
 from pathlib import Path
 
@@ -34,11 +34,13 @@ def main(folder: Path = Path("out/examples/own_robot"), duration_s: float = 4.0)
     (folder / "mine.yaml").write_text(SCENARIO, encoding="utf-8")
 
     scene = sr.load_scene(folder / "mine.yaml", {"simulation.duration": duration_s})
-    for sentence in scene.assumptions:  # what neither file says, and what was taken instead
-        print("-", sentence)
+    for assumption in scene.assumptions:  # for everything that neither file specifies
+        print("-", assumption)
 
-    result = sr.simulate(scene, progress=print)
-    print(result.summary["status"]["state"], result.summary["tip_error"]["mine/tip"]["norm"])
+    result = sr.simulate(scene, progress=sr.print_progress)
+    error = result.summary["tip_error"]["mine/tip"]["norm"]
+    print(f"{result.summary['status']['state']}: peak tip error {1e3 * error['max_m']:.3f} mm", end=", ")
+    print(f"{1e3 * error['final_m']:.3f} mm at the end")
     viz.save_figures(result, folder / "figures", formats=("png",), names=["docking", "joints"])
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=1, size_px=(480, 300))
 

@@ -1,4 +1,4 @@
-"""Change numbers by their paths and compare what follows: the same motion with heavier objects."""
+"""Change numbers by their paths and compare results: the same motion with heavier objects."""
 
 from pathlib import Path
 
@@ -11,13 +11,13 @@ def main(folder: Path = Path("out/examples/compare"), duration_s: float = 10.0) 
     results = []
     for mass_kg in (20, 60, 180):
         changes = {"target.links.body.mass": mass_kg, "simulation.duration": duration_s}
-        result = sr.simulate(sr.load_scene("paper", changes), progress=print)
+        result = sr.simulate(sr.load_scene("paper", changes), progress=sr.print_progress)
         error_m = float(abs(result.data.tip_error).max())
         torque = float(abs(result.data.joint_torque).max())
-        print(f"{mass_kg:4d} kg: tip error at most {1e3 * error_m:6.3f} mm, torque at most {torque:6.2f} N m")
+        print(f"{mass_kg:4d} kg: peak tip error {1e3 * error_m:6.3f} mm, peak joint torque {torque:6.2f} N m")
         results.append(result)
 
-    # figures, pages and reports take several results and draw them over each other
+    # figures, pages and reports accept several results and overlay them
     first, *others = results
     viz.save_figures(first, folder / "figures", *others, formats=("pdf", "png"), names=["tip_errors"])
     viz.write_animation(first, folder / "compared.html", *others)

@@ -1,4 +1,4 @@
-"""Many rollouts at once, and the exact gradient of a measure with respect to any numbers of the scenario."""
+"""Batch of rollouts, and the exact gradient of a cost with respect to numbers of the scenario."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def main(
 
     exact = run.value_and_gradient(wrt=GAINS).gradients["squared"]
 
-    # one batch holds both sides of every difference; rows are sets of values
+    # one batch evaluates both sides of every central difference; each row is a set of values
     nominal = [loop.parameters()[loop.index(path)] for path in GAINS]
     rows = [
         [value * (1 + side * 1e-4 * (i == j)) for j, value in enumerate(nominal)]
@@ -45,7 +45,7 @@ def main(
         difference = (cost[2 * i] - cost[2 * i + 1]) / (2e-4 * nominal[i])
         print(f"{path}: exact {exact[i]:+.6e}, by differences {difference:+.6e}")
 
-    # the exact slopes as tangents of the cost, which one batch computes at 21 values of each number
+    # exact slopes as tangents to the cost, which one batch evaluates at 21 values of each number
     factors = np.linspace(0.5, 1.5, 21)
     sets = np.repeat([nominal], len(GAINS) * len(factors), axis=0)
     for i in range(len(GAINS)):

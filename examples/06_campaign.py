@@ -1,4 +1,4 @@
-"""A campaign: whether gains hold over what is not known of the object and the grips."""
+"""Monte Carlo robustness analysis of two sets of gains with an uncertain object and uncertain grasps."""
 
 from pathlib import Path
 
@@ -25,23 +25,24 @@ CHANGES = {
 def main(
     folder: Path = Path("out/examples/campaign"), samples: int = 256, changes: dict[str, float] | None = None
 ) -> None:
-    """Failures of two sets of gains, what matters, and the worst sample as a result of its own."""
+    """Print failure probabilities of both sets of gains, and simulate the worst sample."""
     scene = sr.load_scene("paper", CHANGES | {"campaign.samples": samples} | (changes or {}))
-    found = sr.campaign(scene, folder, progress=print)  # run again after a kill, it goes on where it was
-    for name, told in found.summary["gains"].items():
-        failed = told["failure"]["any"]
-        print(f"{name}: fails with {failed['value']:.1%} ({failed['low']:.1%} to {failed['high']:.1%})")
+    # an interrupted campaign resumes when it is run again
+    campaign = sr.campaign(scene, folder, progress=sr.print_progress)
+    for name, summary in campaign.summary["gains"].items():
+        failure = summary["failure"]["any"]
+        interval = f"95 % interval {failure['low']:.1%} to {failure['high']:.1%}"
+        print(f"{name}: probability of failure {failure['value']:.1%} ({interval})")
 
-    # found.data is xarray: draw(sample, parameter), tip_error_peak(sample, gains, ...), ...
-    worst = int(found.data.tip_error_peak.sel(gains="printed").max("tip_error_peak_of").argmax("sample"))
-    result = found.simulate(worst, "printed")
-    print(f"worst sample {worst}:", result.summary["tip_error"]["rpr1/tip"]["norm"])
-    peaks = {
-        name: found.data.tip_error_peak.sel(gains=name).max("tip_error_peak_of")
-        for name in CHANGES["campaign"]["gains"]
-    }
-    drawn = figures.robustness(peaks, quantity="largest tip error", unit="m", limit=0.002)
-    (folder / "robustness.png").write_bytes(figures.to_bytes(drawn, "png"))
+    # campaign.data is an xarray dataset: draw(sample, parameter), tip_error_peak(sample, gains, ...), ...
+    errors = campaign.data.tip_error_peak
+    worst = int(errors.sel(gains="printed").max("tip_error_peak_of").argmax("sample"))
+    result = campaign.simulate(worst, "printed")
+    error = result.summary["tip_error"]["rpr1/tip"]["norm"]
+    print(f"worst sample {worst}: peak error of rpr1/tip {1e3 * error['max_m']:.3f} mm")
+    peaks = {name: errors.sel(gains=name).max("tip_error_peak_of") for name in CHANGES["campaign"]["gains"]}
+    drawing = figures.robustness(peaks, quantity="peak tip error", unit="m", limit=0.002)
+    (folder / "robustness.png").write_bytes(figures.to_bytes(drawing, "png"))
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
 
 

@@ -1,4 +1,4 @@
-"""Elements of your own: a reference and a controller that live in files of yours (``examples/plugins``)."""
+"""Your own elements: a reference and a controller, each defined in a plugin file (``examples/plugins``)."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def main(
     duration_s: float = 10.0,
     backend: rollout.Backend = "auto",
 ) -> None:
-    """Both robots fly a lemniscate; a bounded spring helps the first."""
+    """Both tips follow a lemniscate; a bounded spring assists the first robot."""
     for name in ("lemniscate", "bounded_spring"):
         sr.load_plugin(PLUGINS / f"{name}.py")  # on the command line: --plugin FILE
     scene = sr.load_scene(
@@ -25,16 +25,17 @@ def main(
             "simulation.duration": duration_s,
         },
     )
-    result = sr.simulate(scene, backend=backend, progress=print)
-    force = result.data.spring_force.sel(tip="rpr1/tip")  # the element's own output, with its unit
-    print(f"force of the spring at most {float(abs(force).max()):.3f} {force.attrs['units']}")
+    result = sr.simulate(scene, backend=backend, progress=sr.print_progress)
+    force = result.data.spring_force.sel(tip="rpr1/tip")  # output of the plugin, with its unit
+    print(f"peak force of the spring: {float(abs(force).max()):.3f} {force.attrs['units']}")
 
     viz.save_figures(result, folder / "figures", formats=("png",), names=["tip_paths"])
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
 
-    # its numbers are parameters like any other: they can be varied, tuned and differentiated
+    # numbers of plugins are parameters like any other: they can be varied, tuned and differentiated
     loop = sr.build_closed_loop(scene)
-    print([path for path in loop.parameter_paths if "soft" in path or path.endswith("reference.size")])
+    paths = [path for path in loop.parameter_paths if "soft" in path or path.endswith("reference.size")]
+    print("parameters of the plugins:", *paths, sep="\n  ")
 
 
 if __name__ == "__main__":

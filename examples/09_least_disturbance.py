@@ -1,4 +1,4 @@
-"""The same task by several controllers: how far the free base is turned and moved, and what it takes."""
+"""One task with several controllers: rotation and translation of the free base, and joint torque."""
 
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,15 @@ def resolved_rate(**options: Any) -> dict[str, Any]:
     return {f"{ARM}.controllers.lead": {"kind": "resolved_rate", "damping": 0.02} | options}
 
 
-WAYS: dict[str, dict[str, Any]] = {
+CONTROLLERS: dict[str, dict[str, Any]] = {
     "PID + amnesia (paper)": {
         f"{TIP}.pid": {"kp": 300, "ki": 250, "kd": 200, "feedback": "base"},
         f"{TIP}.amnesia": {"ge": 500, "ta": 3},
-        f"{TIP}.orientation_pid": {"kp": 30, "ki": 25, "kd": 20},  # the paper leads no orientation: ours
+        f"{TIP}.orientation_pid": {
+            "kp": 30,
+            "ki": 25,
+            "kd": 20,
+        },  # not in the paper, which has no orientation control
         f"{TIP}.orientation_amnesia": {"ge": 500, "ta": 3},
         f"{ARM}.joint_pd": {"kp": 0, "kd": 20},
     },
@@ -33,20 +37,22 @@ WAYS: dict[str, dict[str, Any]] = {
 
 
 def main(
-    folder: Path = Path("out/examples/disturbance"), duration_s: float = 14.0, names: Any = (*WAYS, "plan")
+    folder: Path = Path("out/examples/disturbance"),
+    duration_s: float = 14.0,
+    names: Any = (*CONTROLLERS, "plan"),
 ) -> None:
-    """A table and a figure; the plan is found first, of what the scenario's ``plan`` section asks for."""
+    """Simulate all controllers and a plan; print a table and draw a figure."""
     shared = {"simulation.duration": duration_s}
     results = {}
-    for name in (name for name in names if name in WAYS):
+    for name in (name for name in names if name in CONTROLLERS):
         print("simulating:", name)
-        results[name] = sr.simulate(sr.load_scene(TASK, shared | WAYS[name]))
+        results[name] = sr.simulate(sr.load_scene(TASK, shared | CONTROLLERS[name]))
     if "plan" in names:
-        sr.plan(
-            sr.load_scene(TASK), folder / "plan", progress=print
-        )  # writes also the scenario that follows the plan
+        # writes followed.yaml too, the scenario that follows the plan
+        sr.plan(sr.load_scene(TASK), folder / "plan", progress=sr.print_progress)
         results["plan"] = sr.simulate(sr.load_scene(folder / "plan" / "followed.yaml", shared))
-    print(f"{'way':30s}base turns   base moves   torque rms   greatest   rest within 0.1 mm   tip at the end")
+    print(f"{'controller':30s}base turns   base moves   rms torque   peak       ", end="")
+    print("settled to 0.1 mm   final tip error")
     for name, result in results.items():
         data = result.data
         turned = np.degrees(np.linalg.norm(data.body_rotation[:, 0], axis=1)).max()

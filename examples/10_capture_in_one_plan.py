@@ -1,4 +1,4 @@
-"""Both arms of a servicer catch a satellite one after the other: three phases, planned as one motion."""
+"""Two arms of a servicer capture a satellite one after the other: three phases in one trajectory."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +10,7 @@ import viz
 LEFT = {"tip": "servicer/left_tip", "frame": "mate_left"}
 RIGHT = {"tip": "servicer/right_tip", "frame": "mate_right"}
 CONE = {"half_angle_deg": 25, "final_fraction": 0.2}
-PHASES = {  # each grip closes where its phase ends
+PHASES = {  # each grasp closes at the end of its phase
     "reach": {"duration": 8, "goals": {"left": LEFT}, "approach_cones": {"left": {**LEFT, **CONE}}},
     "stop": {"duration": {"lower": 1, "upper": 10, "guess": 2}, "intervals": 2},
     "second": {
@@ -19,7 +19,7 @@ PHASES = {  # each grip closes where its phase ends
         "approach_cones": {"right": {**RIGHT, **CONE}},
     },
 }
-CHANGES = {  # what stood in the plan of the first arm alone stands in its phase
+CHANGES = {  # goals and cones move from the plan of one arm to the phases
     "plan.duration": None,
     "plan.goals": {},
     "plan.approach_cones": {},
@@ -30,18 +30,18 @@ CHANGES = {  # what stood in the plan of the first arm alone stands in its phase
 
 
 def main(scenario: str | Path = "capture", changes: Mapping[str, Any] = CHANGES) -> None:
-    """Plan, fly, and tell when and how softly each grip closed."""
+    """Plan and simulate; print when and at which speed each grasp closes."""
     folder = Path("out/examples/one_plan")
-    planned = sr.plan(sr.load_scene(scenario, changes), folder, progress=print)
-    for phase in planned.summary["phases"]:
+    plan = sr.plan(sr.load_scene(scenario, changes), folder, progress=sr.print_progress)
+    for phase in plan.summary["phases"]:
         print(f"{phase['name']:8} {phase['duration_s']:7.3f} s")
-    flown = sr.simulate(planned.scene(), progress=print)
-    for event in flown.summary["events"]:
+    result = sr.simulate(plan.scene(), progress=sr.print_progress)
+    for event in result.summary["events"]:
         if event["kind"] == "captured":
             speed = 1e3 * sum(v**2 for v in event["relative_velocity_m_s"]) ** 0.5
             print(f"{event['who']:8} captured at {event['time_s']:.3f} s, at {speed:.1e} mm/s")
-    viz.save_figures(flown, folder / "figures", formats=("png",), names=["storyboard"])
-    viz.write_recording(flown, folder / "film.gif", frames_per_s=5, speed=3, size_px=(480, 300))
+    viz.save_figures(result, folder / "figures", formats=("png",), names=["storyboard"])
+    viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=3, size_px=(480, 300))
 
 
 if __name__ == "__main__":

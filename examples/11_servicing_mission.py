@@ -65,8 +65,8 @@ def main(
     print("4. Monte Carlo analysis")
     with console.status("campaign") as line:
         campaign = sr.campaign(scene, folder / "campaign", progress=lambda done: line.update(str(done)))
-    failed = campaign.summary["gains"]["scenario"]["failure"]["any"]
-    print(f"fails with {failed['value']:.1%} ({failed['low']:.1%} to {failed['high']:.1%})")
+    failure = campaign.summary["gains"]["scenario"]["failure"]["any"]
+    print(f"probability of failure {failure['value']:.1%} ({failure['low']:.1%} to {failure['high']:.1%})")
     times = {"scenario": campaign.data.capture_time.values.ravel()}
     drawing = figures.robustness(times, quantity="capture time", unit="s")
     (folder / "figures" / "capture_time.png").write_bytes(figures.to_bytes(drawing, "png"))

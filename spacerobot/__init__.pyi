@@ -58,6 +58,7 @@ from spacerobot.basilisk import make_basilisk_scene as make_basilisk_scene
 from spacerobot.closedloop import ClosedLoop as ClosedLoop
 from spacerobot.closedloop import build_closed_loop as build_closed_loop
 from spacerobot.common.errors import SpaceRobotError as SpaceRobotError
+from spacerobot.common.progress import print_progress as print_progress
 from spacerobot.common.version import __version__ as __version__
 from spacerobot.description import PlanarBase as PlanarBase
 from spacerobot.description import PlanarLink as PlanarLink

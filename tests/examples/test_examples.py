@@ -16,11 +16,11 @@ INDEX = EXAMPLES / "README.md"
 
 # Small sizes of each example, and what it must print.
 SMALL = {
-    "01_first_steps": ({"duration_s": 0.5}, "largest error of rpr1/tip"),
+    "01_first_steps": ({"duration_s": 0.5}, "peak error of rpr1/tip"),
     "02_own_robot": ({"duration_s": 0.5}, "completed"),
-    "03_change_and_compare": ({"duration_s": 0.5}, " 180 kg: tip error"),
+    "03_change_and_compare": ({"duration_s": 0.5}, " 180 kg: peak tip error"),
     "04_gradients": ({"duration_s": 0.1, "backend": "interpreted"}, "target.links.body.mass: exact"),
-    "05_tune": ({"duration_s": 0.2}, "'ge': "),
+    "05_tune": ({"duration_s": 0.2}, ", ge "),
     "06_campaign": ({"samples": 8, "changes": {"simulation.duration": 0.5}}, "worst sample"),
     "07_own_element": ({"duration_s": 0.2, "backend": "interpreted"}, "soft.stiffness"),
     "08_where_is_it_captured": ({"samples": 12}, "tuned"),
@@ -31,7 +31,7 @@ SMALL = {
     ),
     "11_servicing_mission": (
         {"verify": False, "samples": 2, "planned": False, "changes": {"simulation.duration": 0.5}},
-        "fails with",
+        "probability of failure",
     ),
 }
 OWN = "07_own_element"
