@@ -36,12 +36,13 @@ def main(
     """Draft, simulate, plan, run a campaign, and draw each; the first run takes some minutes."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "mission.yaml"
+    file.unlink(missing_ok=True)
     console = Console(stderr=True)
     # the draft is simulated, linearised and slowed down until it captures with margins
     print("1. draft")
     with console.status("drafting") as line:  # one line of progress, in a terminal
         draft = sr.draft(REQUEST, file, capture=True, simulate=verify, progress=line.update)
-    file.write_text(draft.text, encoding="utf-8")
+    draft.save()
     print(*draft.problems, *draft.checks, sep="\n")
 
     scene = sr.load_scene(file, {**changes, "campaign.samples": samples})

@@ -76,9 +76,10 @@ from spacerobot.learning import make_environment as make_environment
 from spacerobot.learning import make_vector_environment as make_vector_environment
 from spacerobot.linear import LinearSystem as LinearSystem
 from spacerobot.linear import MarginAnalysis as MarginAnalysis
+from spacerobot.linear import SimultaneousMargins as SimultaneousMargins
 from spacerobot.linear import linearise as linearise
 from spacerobot.linear import margins as margins
-from spacerobot.linear.simultaneous import simultaneous_disk_margin as simultaneous_disk_margin
+from spacerobot.linear import simultaneous_margins as simultaneous_margins
 from spacerobot.quantities import PlanBound as PlanBound
 from spacerobot.quantities import Quantity as Quantity
 from spacerobot.quantities import register_quantity as register_quantity
@@ -93,4 +94,4 @@ from spacerobot.scene import Scene as Scene
 from spacerobot.scene import load_scene as load_scene
 from spacerobot.simulation.paper import PaperComparison as PaperComparison
 from spacerobot.simulation.paper import reproduce_paper as reproduce_paper
-from viz.studio.server import studio as studio
+from viz.studio.start import studio as studio

@@ -46,7 +46,7 @@ def compare(
     methods: Sequence[str] | None = None,
     variants: Sequence[str] | None = None,
     sets: Sequence[str] | None = None,
-    effort: Effort | None = None,
+    effort: Effort | Mapping[str, int | None] | None = None,
     session: SearchSession | None = None,
 ) -> Comparison:
     """Run methods on the problems of a scene's tuning section.
@@ -55,7 +55,7 @@ def compare(
         scene: The scene.
         methods, variants, sets: Names of methods, variants and sets of variables; all that the section names
             if None.
-        effort: Budget of the methods; see :func:`even_effort` if None.
+        effort: Budget of the methods; or changes of the section's, as for :func:`even_effort`.
         session: Workers, journals and callbacks; None uses threads of this process and no journals.
 
     Returns:
@@ -67,7 +67,8 @@ def compare(
     """
     tuning, session = tuning_of(scene), session or SearchSession()
     check_size(scene)
-    effort = effort or even_effort(tuning)
+    if not isinstance(effort, Effort):
+        effort = even_effort(tuning, effort)
     chosen = [
         (variant, name)
         for variant in _chosen(variants, list(tuning.variants), scene, "variants")
@@ -79,18 +80,17 @@ def compare(
     )
 
 
-def even_effort(
-    tuning: Tuning, changes: Mapping[str, int | None] | None = None, *, full: bool = False
-) -> Effort:
+def even_effort(tuning: Tuning, changes: Mapping[str, int | None] | None = None) -> Effort:
     """Effort with the same budget for the GA and the other evolutionary methods.
 
     Args:
         tuning: Tuning section.
         changes: ``budget``, ``runs``, ``starts`` and ``seed`` that replace the section's; None keeps one.
-        full: Whether the budget of each run is the section's ``budget``, otherwise its ``baseline_budget`` if
-            that is smaller.
+            Without a budget, that of each run is the section's ``budget`` if ``full`` is true, otherwise its
+            ``baseline_budget`` if that is smaller.
     """
     budgets = dict(changes or {})
+    full = budgets.pop("full", False)
     budget = budgets.get("budget") or (tuning.budget if full else min(tuning.budget, tuning.baseline_budget))
     return effort_of(tuning, **(budgets | {"budget": budget, "baseline_budget": budget}))
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict, Unpack
 
 import numpy as np
 from scipy.special import ndtr
@@ -22,6 +22,7 @@ from optim.methods.run_method import run_method
 from optim.methods.settings import Effort, EvolutionSettings, NlpSettings
 from optim.problem.problem import Evaluation, EvaluationCost, Linearisation, OptimisationProblem
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
+from optim.search.search import Progress
 from optim.search.session import SearchSession
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DivergedError
@@ -184,14 +185,26 @@ class Falsification(JsonResult):
         return [Table.of_pairs("falsification", self.rows())]
 
 
+class FalsificationOptions(TypedDict, total=False):
+    """Keyword arguments of :func:`falsify`.
+
+    Attributes:
+        progress: Callback with the progress of each search.
+        threads: Number of threads; one for each usable core if None. Results do not depend on it.
+    """
+
+    progress: Progress | None
+    threads: int | None
+
+
 def falsify(
     scene: Scene | StrPath,
     quantity: str | None = None,
     limit: float | None = None,
     *,
     effort: Effort | Mapping[str, int | None] | None = None,
-    session: SearchSession | None = None,
-    threads: int | None = None,
+    folder: StrPath | None = None,
+    **options: Unpack[FalsificationOptions],
 ) -> Falsification:
     """Search the uncertain parameters of a scene's campaign for the worst value of a quantity.
 
@@ -203,17 +216,16 @@ def falsify(
         quantity, limit: Quantity and its limit, in its unit; those of ``campaign.limits`` if None.
         effort: Number of starts, seed, and in ``nlp`` the budget; or ``starts``, ``seed`` and ``budget`` by
             name. The default is 16 starts without a budget.
-        session: Journals, from which an interrupted search resumes, workers and callbacks; None uses no
-            journals and threads of this process.
-        threads: Number of threads; one for each usable core if None; the numbers do not depend on it.
+        folder: Folder of the journals, from which an interrupted call resumes; no journals if None.
+        **options: See :class:`FalsificationOptions`.
 
     Raises:
         DivergedError: If every simulation diverged.
-        KeyboardInterrupt: If the search was interrupted; called again with the same journals, it continues.
+        KeyboardInterrupt: If the search was interrupted; called again with the same folder, it continues.
         ScenarioError: If the section is missing or does not fit; see :func:`.build_limit_state`.
     """
     scene = to_scene(scene)
-    state = build_limit_state(scene, quantity, limit, threads=threads)
+    state = build_limit_state(scene, quantity, limit, threads=options.get("threads"))
     parameters = state.campaign.parameters.values()
     ends = [
         [one.lower, one.upper] if one.lower is not None else quantiles(one, ndtr(np.array([-SCORE, SCORE])))
@@ -221,7 +233,7 @@ def falsify(
     ]
     lower, upper = np.array(ends, dtype=float).T
     problem = WorstCaseProblem(state, lower, upper)
-    session = session or SearchSession()
+    session = SearchSession(folder, progress=options.get("progress"))
     if not isinstance(effort, Effort):
         stated = {name: value for name, value in (effort or {}).items() if value is not None}
         nlp = NlpSettings(budget=stated.get("budget"))

@@ -7,11 +7,11 @@ The functions import the packages ``optim`` and ``viz``, which depend on ``space
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from spacerobot.api.options import PlanOptions, SearchOptions, journals, search_session
+from spacerobot.api.options import CampaignOptions, PlanOptions, SearchOptions, journals, search_session
 from spacerobot.api.results import CampaignResult, ComparisonResult, PlanResult
 from spacerobot.common.files import StrPath
 from spacerobot.result import Result
@@ -20,7 +20,6 @@ from spacerobot.simulation import Backend, Progress
 from spacerobot.simulation import simulate as _simulate
 
 if TYPE_CHECKING:
-    from optim.campaign import CampaignProgress
     from optim.comparison.compare import Comparison
     from optim.methods.settings import Effort
     from optim.search.session import SearchSession
@@ -62,9 +61,8 @@ def campaign(
     folder: StrPath | None = None,
     *,
     gains: Mapping[str, Mapping[str, Any]] | Sequence[str] | None = None,
-    progress: Callable[[CampaignProgress], object] | None = None,
-    threads: int | None = None,
-    dask: str | None = None,
+    samples: int | None = None,
+    **options: Unpack[CampaignOptions],
 ) -> CampaignResult:
     """Run the Monte Carlo campaign of a scene's ``campaign`` section.
 
@@ -75,25 +73,28 @@ def campaign(
         gains: Sets of gains to compare: a mapping from their names to changes by dotted path; or a list of
             names of the section's sets, ``scenario`` (the scenario's own gains) and ``NAME=DIR`` (gains of a
             result). The section's sets if None.
-        progress: Callback, called when a phase begins and after every chunk of samples.
-        threads: Number of threads; one for each usable core if None. Results do not depend on it.
-        dask: Address of the Dask cluster that rolls out, such as ``local:4``; this process if None. Results
-            do not depend on it.
+        samples: Number of samples in place of the section's; that of a grid follows from its levels.
+        **options: See :class:`~spacerobot.api.options.CampaignOptions`.
 
     Raises:
-        ScenarioError: If the section is inconsistent with the scene, or a set of gains is unknown.
+        ScenarioError: If the section is inconsistent with the scene, a set of gains is unknown, or
+            ``samples`` is stated for a grid.
         ResultError: If the folder has other content, is in use or cannot be written.
     """
     from optim.campaign import LocalExecutor, run_campaign
     from optim.campaign.cluster import DaskExecutor
     from optim.campaign.rollouts.gain_sets import gain_sets
+    from optim.campaign.sampling.parameter_space import with_samples
 
     scene = to_scene(scene)
+    if samples is not None:
+        scene = with_samples(scene, samples)
     sets = gains if gains is None or isinstance(gains, Mapping) else gain_sets(scene, gains)
     temporary = None if folder is not None else tempfile.TemporaryDirectory(prefix="spacerobot-campaign-")
     place = Path(folder) if folder is not None else Path(temporary.name) / "campaign"  # type: ignore[union-attr]
-    executor = LocalExecutor(threads) if dask is None else DaskExecutor(dask)
-    run = run_campaign(scene, place, gains=sets, executor=executor, progress=progress)
+    dask = options.get("dask")
+    executor = LocalExecutor(options.get("threads")) if dask is None else DaskExecutor(dask)
+    run = run_campaign(scene, place, gains=sets, executor=executor, progress=options.get("progress"))
     return CampaignResult(place, run.evaluator, not run.interrupted, temporary)
 
 
@@ -144,7 +145,7 @@ def compare(
     methods: Sequence[str] | None = None,
     variants: Sequence[str] | None = None,
     sets: Sequence[str] | None = None,
-    effort: Effort | None = None,
+    effort: Effort | Mapping[str, int | None] | None = None,
     **options: Unpack[SearchOptions],
 ) -> ComparisonResult:
     """Compare tuning methods on the problems of a scene's ``tuning`` section.
@@ -154,7 +155,9 @@ def compare(
         folder: Folder for ``comparison.json``, ``comparison.md``, figures, the best design of each method,
             and journals from which an interrupted comparison continues. Nothing is written if None.
         methods, variants, sets: Names of methods, variants and sets of variables; all of the section if None.
-        effort: Numbers of evaluations, runs and starts; those of the section if None.
+        effort: Numbers of evaluations, runs and starts; or ``budget``, ``runs``, ``starts`` and ``seed`` by
+            name, which replace those of the section. Without a budget, that of each run is the section's
+            ``budget`` if ``full`` is true, otherwise its ``baseline_budget`` if that is smaller.
         **options: See :class:`~spacerobot.api.options.SearchOptions`.
 
     Raises:
@@ -165,7 +168,12 @@ def compare(
 
     session = _comparison_session(folder, options)
     comparison = run(
-        to_scene(scene), methods=methods, variants=variants, sets=sets, effort=effort, session=session
+        to_scene(scene),
+        methods=methods,
+        variants=variants,
+        sets=sets,
+        effort=effort,
+        session=session,
     )
     return _compared(comparison, folder, options)
 

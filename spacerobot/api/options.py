@@ -11,6 +11,7 @@ from spacerobot.result import JOURNALS
 from spacerobot.simulation import Backend
 
 if TYPE_CHECKING:
+    from optim.campaign import CampaignProgress
     from optim.search.search import SearchProgress
     from optim.search.session import SearchSession
     from optim.workers import Workers
@@ -28,6 +29,21 @@ class PlanOptions(TypedDict, total=False):
 
     backend: Backend
     progress: Callable[[str], None] | None
+    dask: str | None
+
+
+class CampaignOptions(TypedDict, total=False):
+    """Keyword arguments of campaigns.
+
+    Attributes:
+        progress: Callback, called when a phase begins and after every chunk of samples.
+        threads: Number of threads; one for each usable core if None. Results do not depend on it.
+        dask: Address of the Dask cluster that rolls out, such as ``local:4``; this process if None. Results
+            do not depend on it.
+    """
+
+    progress: Callable[[CampaignProgress], object] | None
+    threads: int | None
     dask: str | None
 
 

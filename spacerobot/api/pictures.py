@@ -19,6 +19,7 @@ from spacerobot.result import Result
 from spacerobot.simulation import Progress
 
 if TYPE_CHECKING:
+    from spacerobot.linear import MarginAnalysis
     from viz.figures import Drawing
     from viz.page.live import LiveViewer
     from viz.page.notebook import EmbeddedPage
@@ -29,18 +30,18 @@ Sources = Source | StrPath | Sequence[Source | StrPath]
 
 
 def figures(
-    results: Sources,
+    results: Sources | MarginAnalysis,
     folder: StrPath | None = None,
     *,
     names: Sequence[str] | None = None,
     formats: Sequence[str] = ("pdf", "png"),
     width: str = "double",
 ) -> dict[str, Drawing]:
-    """Draw the figures of one or several results, of a plan, or of a study of plans.
+    """Draw the figures of one or several results, of a plan, of a study of plans, or of stability margins.
 
     Args:
         results: One or several results, or their folders; a plan, alone or with the result that follows it; a
-            Pareto front; a design study.
+            Pareto front; a design study; margins of :func:`spacerobot.margins`.
         folder: Folder for the files ``NAME.FORMAT``; nothing is written if None.
         names: Names of the figures, as in :func:`viz.figures.figure_kinds`; all that apply if None.
         formats: Formats of the files: ``pdf``, ``svg``, ``png``.
@@ -53,21 +54,26 @@ def figures(
         ResultError: If a name, a format or the width is unknown, the results cannot be compared, or a file
             cannot be written.
     """
+    from spacerobot.linear import MarginAnalysis
     from spacerobot.result import note_derived
     from viz.figures import draw_all
+    from viz.figures.margins import margin_figures
     from viz.figures.style import check_formats, drawn_for, write_drawings
 
     check_formats(formats)
-    first, *others = opened(results)
+    first: Source | MarginAnalysis
+    first, *others = (results,) if isinstance(results, MarginAnalysis) else opened(results)
+    if names and not isinstance(first, Result):
+        name, source = (first.name, first.folder) if isinstance(first, Study) else ("margin analysis", None)
+        message = f"the figures of a {name} are drawn together; leave out --only (names)"
+        raise ResultError(message, source=source)
+    simulated = _only_results([first, *others] if isinstance(first, Result) else others)
     with drawn_for(width):
-        if isinstance(first, Result):
-            simulated = _only_results([first, *others])
+        if isinstance(first, MarginAnalysis):
+            drawings = margin_figures(first)
+        elif isinstance(first, Result):
             drawings = {name: drawing for name, _, drawing in draw_all(*simulated, names=names)}
         else:
-            simulated = _only_results(others)
-            if names:
-                message = f"the figures of a {first.name} are drawn together; leave out --only (names)"
-                raise ResultError(message, source=first.folder)
             drawings = first.drawings(simulated)
         if folder is not None:
             written = write_drawings(drawings.items(), Path(folder), formats)

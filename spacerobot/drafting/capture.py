@@ -21,7 +21,7 @@ s^2 times lower. :mod:`spacerobot.drafting.verified` increases s until the draft
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,25 +81,31 @@ def plan_costs(duration_s: float, dampings: Sequence[float]) -> Document:
     return {"torque": short(torque, 1), "joint_acceleration": short(acceleration, 1)}
 
 
-def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[str, str]:
-    """URDF of an object with an additional mating frame at a point of its surface.
+def surface_point(order: DraftRequest, file: StrPath) -> tuple[DraftRequest, Path, str]:
+    """Request for a URDF of the object that has a mating frame at the requested point of the surface.
 
     The frame's x axis points into the object: along that axis of the root link which is nearest to the
     direction from the point to the root link's centre of mass.
 
     Args:
-        target: URDF of the object.
-        point: Point in the root link's frame (3,) [m].
-        file: File of the scenario, in whose folder the URDF will be written.
+        order: Request with a point.
+        file: File of the scenario, in whose folder the caller writes the URDF.
 
     Returns:
-        tuple: File name and text of the URDF.
+        tuple: The request, and path and text of the URDF.
 
     Raises:
-        ScenarioError: If the point is the centre of mass.
+        ScenarioError, DescriptionError: If the point is no three numbers or the centre of mass, the request
+            has mating frames too, or the URDF cannot be used.
     """
-    file = Path(file)
-    _, description = read(target, file.absolute().parent)
+    point, file = order.point or (), Path(file).absolute()
+    if len(point) != 3 or order.frames:
+        place = ",".join(f"{x:g}" for x in point)
+        raise ScenarioError(
+            f"found {place or 'nothing'!r}, allowed: x,y,z [m] on the object's root link, without --frame",
+            where="--point",
+        )
+    _, description = read(order.target, file.parent)
     root = next(link for link in description.links if link.name == description.root)
     inward = root.com - np.array(point)
     along = np.zeros(3)
@@ -115,7 +121,8 @@ def surface_point(target: str, point: Sequence[float], file: StrPath) -> tuple[s
     frame = UrdfLink(POINT, 0.0, np.zeros(3), np.zeros((3, 3)))
     mount = UrdfJoint(f"{POINT}_mount", "fixed", root.name, POINT, origin, np.array([1.0, 0, 0]))
     text = urdf_xml(description.path.stem, [*description.links, frame], [*description.joints, mount], "")
-    return f"{file.stem}_target.urdf", text
+    urdf = file.with_name(f"{file.stem}_target.urdf")
+    return replace(order, target=str(urdf), frames=[POINT], point=None), urdf, text
 
 
 def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:

@@ -37,6 +37,8 @@ class DraftRequest:
         bus, mounts: URDF of a spacecraft, in place of ``robots``, and its arms in the form of
             :func:`read_mounts`. The first arm holds the target; the joints of the others are locked.
         include: Equipment of the spacecraft for a capture: ``wheels``, ``thrusters``, ``filters``.
+        point: For a capture, in place of ``frames``: point of the target's surface, in the frame of its root
+            link (3,) [m].
     """
 
     robots: Sequence[str]
@@ -47,6 +49,7 @@ class DraftRequest:
     bus: str | None = None
     mounts: Sequence[str] = ()
     include: Sequence[str] = ()
+    point: Sequence[float] | None = None
 
 
 def draft_scenario(

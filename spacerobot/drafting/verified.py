@@ -9,6 +9,7 @@ the file state the results.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -20,9 +21,10 @@ from spacerobot.closedloop import ClosedLoop
 from spacerobot.closedloop.loop_cache import cached_closed_loop
 from spacerobot.closedloop.stiffness import find_poles
 from spacerobot.common.arrays import Array
-from spacerobot.common.errors import DivergedError
-from spacerobot.common.files import StrPath
-from spacerobot.drafting.capture import CaptureGeometry
+from spacerobot.common.errors import DivergedError, ScenarioError
+from spacerobot.common.files import StrPath, write_text
+from spacerobot.common.tables import Content, Tabular
+from spacerobot.drafting.capture import CaptureGeometry, surface_point
 from spacerobot.drafting.held import DraftRequest, draft_scenario
 from spacerobot.linear.instants import Instant, instants
 from spacerobot.result import Result
@@ -44,8 +46,8 @@ SHORTEST = 5.0  # minimum duration of a phase in the comparison with FAST [s]
 
 
 @dataclass(frozen=True)
-class Draft:
-    """A drafted scenario.
+class Draft(Tabular):
+    """A drafted scenario, which :meth:`save` writes.
 
     Attributes:
         file: File of the scenario; paths of URDFs are relative to its folder.
@@ -71,6 +73,36 @@ class Draft:
         """Whether the draft was simulated and passed its verification."""
         return bool(self.checks) and not self.problems
 
+    def save(self) -> Path:
+        """Write the scenario and return its file.
+
+        Raises:
+            ScenarioError: If the file exists.
+            ResultError: If it cannot be written.
+        """
+        _check_absence(self.file)
+        write_text(self.file, self.text)
+        return self.file
+
+    def __repr__(self) -> str:
+        """File, and whether the draft passed its verification, in one line."""
+        state = "failed" if self.problems else "passed" if self.checks else "not simulated"
+        return f"<Draft {self.file}: {state}>"
+
+    def content(self) -> Sequence[Content]:
+        """Grasps, and the results of simulation and linearisation."""
+        grasps = []
+        for grasp in self.scene.grasps:
+            verb = "holds" if grasp.config.begins == "closed" else "captures"
+            base = grasp.tip.body.base.joint
+            grasps.append(f"{grasp.tip.label} {verb} {grasp.config.frame}, {base} base")
+        return [*grasps, *self.checks]
+
+    def notices(self) -> Sequence[str]:
+        """Warnings of the scene, and reasons why the verification failed."""
+        failures = (f"{self.file} does not work yet: {problem}" for problem in self.problems)
+        return [*self.warnings, *failures]
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -87,17 +119,19 @@ class Verification:
 
 def draft(
     request: DraftRequest,
-    file: StrPath,
+    file: StrPath | None = None,
     *,
     capture: bool = False,
     simulate: bool = True,
     progress: Progress | None = None,
 ) -> Draft:
-    """Draft a scenario from URDFs and verify it by simulation, without writing it.
+    """Draft a scenario from URDFs and verify it by simulation; :meth:`Draft.save` writes it.
 
     Args:
-        request: URDFs and options.
-        file: File of the scenario; paths of URDFs are relative to its folder.
+        request: URDFs and options. For a point of the object's surface, a URDF of the object with a
+            mating frame there is written to the folder of the scenario.
+        file: File of the scenario, which may not exist; paths of URDFs are relative to its folder. If None,
+            ``NAME.yaml`` with the name of the first robot's or the bus's URDF.
         capture: Whether one robot approaches, captures and stops the object; otherwise robots hold it from
             the start.
         simulate: Whether the draft is verified, and slowed down until it passes.
@@ -107,11 +141,42 @@ def draft(
         Draft: The draft, also if it fails the verification; its ``problems`` and its text then state why.
 
     Raises:
-        ScenarioError, DescriptionError: If a URDF cannot be used, a link is missing, or the scene cannot be
-            simulated.
+        ScenarioError, DescriptionError: If a URDF cannot be used, a link is missing, the scene cannot be
+            simulated, or a file exists.
+        ResultError: If the URDF with a mating frame cannot be written.
     """
+    if not (request.robots or request.bus):
+        raise ScenarioError("found none, allowed: --robot, or --bus with --mount", where="--robot")
+    place = Path(f"{Path(request.bus or request.robots[0]).stem}.yaml" if file is None else file)
+    _check_absence(place)
     tell = progress or (lambda _: None)
-    place = Path(file)
+    if request.point is None:
+        return _verified(request, place, tell, capture=capture, simulate=simulate)
+    if not capture:
+        message = "needs --capture; a scenario that begins with a grasp needs a mating frame"
+        raise ScenarioError(message, where="--point")
+    request, urdf, text = surface_point(request, place)
+    _check_absence(urdf)
+    write_text(urdf, text)
+    with contextlib.ExitStack() as failure:
+        failure.callback(urdf.unlink, missing_ok=True)
+        drafted = _verified(request, place, tell, capture=True, simulate=simulate)
+        failure.pop_all()
+    return drafted
+
+
+def _check_absence(file: Path) -> None:
+    """Check that a file does not exist.
+
+    Raises:
+        ScenarioError: If it exists.
+    """
+    if file.exists():
+        raise ScenarioError("exists already; name another file by --out", source=file)
+
+
+def _verified(request: DraftRequest, place: Path, tell: Progress, *, capture: bool, simulate: bool) -> Draft:
+    """Draft of a request without a point, verified; see :func:`draft`."""
     if capture:
         geometry = CaptureGeometry.of(request, place, tell)
         write: Callable[[float], tuple[str, Scene]] = geometry.scenario

@@ -50,6 +50,8 @@ HEADINGS = ("loop", "gain [dB]", "phase [deg]", "delay [s]", "disk", "crossover 
 MOST_LOOPS = 12
 """Number of loops in a table, those with the smallest disk margins."""
 
+MOST_INSTANTS = 8
+"""Number of instants up to which every instant has tables and diagrams; more are summarised over time."""
 
 NO_DELAY = (
     "0*: the gain of the loop stays above one at all high frequencies, so any additional delay makes it "
@@ -101,11 +103,13 @@ class MarginAnalysis(Tabular):
     """Margins of all loops at instants of a simulation.
 
     Attributes:
+        scenario: Name of the scenario.
         linearisations: Linearised closed loops at the instants.
         loops: Margins of each break point, at each instant.
         events: Times [s] and kinds of the captures and releases of the simulation.
     """
 
+    scenario: str
     linearisations: tuple[LinearSystem, ...]
     loops: tuple[tuple[LoopMargins, ...], ...]
     events: tuple[tuple[float, str], ...] = ()
@@ -151,11 +155,19 @@ class MarginAnalysis(Tabular):
         )
 
     def content(self) -> list[Content]:
-        """Loops with the smallest disk margins and the least damped modes, at each instant."""
+        """Loops with the smallest disk margins and the least damped modes, at each instant.
+
+        Of more than :data:`MOST_INSTANTS` instants, only the smallest disk margins over time.
+        """
+        count = len(self.loops[0]) if self.loops else 0
+        note = f"These are the {MOST_LOOPS} of {count} loops with the smallest disk margins."
+        omission = [note] if count > MOST_LOOPS else []
+        if len(self.loops) > MOST_INSTANTS:
+            return [*self.least_margins(), *omission]
         tables: list[Content] = []
         for linear, loops in zip(self.linearisations, self.loops, strict=True):
             tables += [*_instant_tables(linear.label, linear.description, loops), linear.mode_table()]
-        return tables
+        return [*tables, *omission]
 
     def least_margins(self) -> list[Content]:
         """Table of the loops with the smallest disk margins, each at the instant of its minimum."""
@@ -250,7 +262,8 @@ def margins(
     tell = progress or (lambda _: None)
     tell("building the closed loop")
     at = list(at)
-    lineariser = Lineariser.of(to_scene(scene), at=() if along else at)
+    scene = to_scene(scene)
+    lineariser = Lineariser.of(scene, at=() if along else at)
     rollout = lineariser.rollout(backend, tell)
     tell("simulating and linearising")
     loop = lineariser.loop
@@ -265,7 +278,8 @@ def margins(
             rows.append(one)
             tell(f"margins at {instant.label}: {len(rows)} of {count} loops")
         loops.append(tuple(rows))
-    return MarginAnalysis(tuple(linear), tuple(loops), events_of(rollout, loop, ("captured", "released")))
+    events = events_of(rollout, loop, ("captured", "released"))
+    return MarginAnalysis(scene.scenario.name, tuple(linear), tuple(loops), events)
 
 
 def loop_margins(system: LinearSystem, names: Iterable[str] | None = None) -> Iterator[LoopMargins]:

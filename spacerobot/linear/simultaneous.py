@@ -16,6 +16,8 @@ until none can change the result; the D of one frequency also gives bounds at al
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -23,8 +25,12 @@ from scipy.optimize import minimize
 
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError, near_names
-from spacerobot.linear.linearisation import LinearSystem
+from spacerobot.common.files import StrPath
+from spacerobot.common.tables import Table, Tabular
+from spacerobot.linear.linearisation import LinearSystem, linearise
 from spacerobot.linear.loop_response import AT_ONCE, frequency_grid
+from spacerobot.scene import Scene
+from spacerobot.simulation import Backend, Progress
 
 SCHATTEN = (2, 8, 32)
 """Half the exponents of the norms that are minimised in turn."""
@@ -34,6 +40,59 @@ CLOSE = 1e-3
 
 ASCENTS = 3
 """Number of frequencies at which the lower bound is maximised."""
+
+
+@dataclass(frozen=True)
+class SimultaneousMargins(Tabular):
+    """Disk margins of loops that change at once, at instants of a simulation.
+
+    Attributes:
+        loops: Pattern of the loops' break points.
+        bounds: Lower (guaranteed) and upper bound of the disk margin by the label of the instant.
+    """
+
+    loops: str
+    bounds: Mapping[str, tuple[float, float]]
+
+    def __repr__(self) -> str:
+        """Smallest guaranteed margin, in one line."""
+        label, (lower, _) = min(self.bounds.items(), key=lambda item: item[1])
+        return f"<SimultaneousMargins of {self.loops}: at least {lower:.4g}, at {label}>"
+
+    def content(self) -> list[Table]:
+        """Table of the bounds at each instant."""
+        rows = (
+            (label, f"disk margin {lower:.4f} to {upper:.4f}")
+            for label, (lower, upper) in self.bounds.items()
+        )
+        return [Table.of_pairs(f"{self.loops}, all at once", rows)]
+
+
+def simultaneous_margins(
+    scene: Scene | StrPath,
+    at: Iterable[float | str] = (0.0,),
+    *,
+    loops: str = "*",
+    backend: Backend = "auto",
+    progress: Progress | None = None,
+) -> SimultaneousMargins:
+    """Disk margin of a scene's loops that all change at once, at each instant.
+
+    Args:
+        scene: The scene, or the name or file of its scenario.
+        at: Instants, as in :func:`spacerobot.linearise`.
+        loops: Break points, ``torque/*``.
+        backend, progress: See :func:`spacerobot.simulate`.
+
+    Raises:
+        DivergedError: If the simulation does not reach an instant.
+        ScenarioError: See :func:`spacerobot.linearise`.
+        SpaceRobotError: If no loop matches, or the loops are not time-invariant together.
+    """
+    systems = linearise(scene, at, backend=backend, progress=progress)
+    return SimultaneousMargins(
+        loops, {system.label: simultaneous_disk_margin(system, loops) for system in systems}
+    )
 
 
 def simultaneous_disk_margin(system: LinearSystem, loops: str = "torque/*") -> tuple[float, float]:

@@ -11,7 +11,7 @@ import pytest
 from optim.planning.search.make_plan import make_plan
 from spacerobot.common.errors import ScenarioError
 from spacerobot.description.find import find_urdf
-from spacerobot.drafting import DraftRequest, draft_capture, surface_point
+from spacerobot.drafting import DraftRequest, draft, draft_capture, surface_point
 from spacerobot.drafting.capture import plan_costs
 from spacerobot.scene import load_scene
 from spacerobot.scene.checks import gap
@@ -79,13 +79,38 @@ def test_slower_drafts_take_longer_at_lower_gains(tmp_path):
 
 def test_a_point_of_the_surface_stands_in_for_a_mating_frame(tmp_path):
     file = tmp_path / "mine.yaml"
-    name, text = surface_point("ball.urdf", (-0.1, 0.0, 0.0), file)
-    (tmp_path / name).write_text(text)
-    order = dataclasses.replace(FLAT, target=str(tmp_path / name), frames=["mate_point"])
+    ball = dataclasses.replace(FLAT, target="ball.urdf", point=(-0.1, 0.0, 0.0))
+    order, urdf, text = surface_point(ball, file)
+    urdf.write_text(text)
     scene = drafted(order, file)
     assert scene.grasps[0].config.capture.axis == (1.0, 0.0, 0.0)
-    with pytest.raises(ScenarioError, match="allowed: a point of the surface"):
-        surface_point("ball.urdf", (0.0, 0.0, 0.0), file)
+    for change, message in (
+        ({"point": (0.0, 0.0, 0.0)}, "allowed: a point of the surface"),
+        ({"point": (0.1, 0.2)}, "found '0.1,0.2', allowed: x,y,z"),
+        ({"frames": ["mate"]}, "without --frame"),
+    ):
+        with pytest.raises(ScenarioError, match=message):
+            surface_point(dataclasses.replace(ball, **change), file)
+
+
+def test_a_draft_for_a_point_writes_the_object_and_removes_it_if_it_fails(tmp_path, monkeypatch):
+    file, urdf = tmp_path / "mine.yaml", tmp_path / "mine_target.urdf"
+    ball = dataclasses.replace(FLAT, target="ball.urdf", point=(-0.1, 0.0, 0.0))
+    with pytest.raises(ScenarioError, match="needs --capture"):
+        draft(ball, file, simulate=False)
+    with pytest.raises(ScenarioError, match="no link 'nowhere'"):
+        draft(dataclasses.replace(ball, tips=["nowhere"]), file, capture=True, simulate=False)
+    assert not list(tmp_path.iterdir())
+    assert draft(ball, file, capture=True, simulate=False).save() == file
+    assert {path.name for path in tmp_path.iterdir()} == {file.name, urdf.name}
+    for existing in (file, urdf):
+        with pytest.raises(ScenarioError, match=f"{existing.name}: exists already"):
+            draft(ball, file, capture=True, simulate=False)
+        existing.unlink()
+    with pytest.raises(ScenarioError, match="--robot: found none"):
+        draft(dataclasses.replace(FLAT, robots=()), file)
+    monkeypatch.chdir(tmp_path)
+    assert draft(FLAT, simulate=False).file.name == "short_arm.yaml"
 
 
 def test_what_cannot_be_drafted_is_refused(tmp_path):

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+import spacerobot as sr
 from spacerobot.linear.loop_margins import loop_margins
 from spacerobot.linear.simultaneous import greatest_structured_value, simultaneous_disk_margin
+from tests.linear.scenes import arm_scene
 from tests.linear.test_margins import random_system
 
 
@@ -36,6 +38,16 @@ def test_one_loop_has_its_own_disk_margin():
     found = random_system(1)
     (own,) = loop_margins(found, ["torque/0"])
     np.testing.assert_allclose(simultaneous_disk_margin(found, "torque/0"), own.disk, rtol=1e-3)
+
+
+def test_the_loops_of_a_scene_have_the_bounds_of_its_linearisations():
+    scene = arm_scene(1, "planar")
+    options = {"backend": "interpreted"}
+    margins = sr.simultaneous_margins(scene, [0, 0.5], loops="torque/*", **options)
+    systems = sr.linearise(scene, [0, 0.5], **options)
+    bounds = {system.label: simultaneous_disk_margin(system, "torque/*") for system in systems}
+    assert margins.bounds == bounds
+    assert [label for label, _ in margins.content()[0].rows] == list(bounds)
 
 
 def test_two_loops_at_once():

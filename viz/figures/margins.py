@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from spacerobot.common.arrays import Array
 from spacerobot.linear import LinearSystem, LoopMargins, MarginAnalysis, loop_response
-from viz.figures.style import Drawing, legend_above, line, panels, styled, write_drawings
+from spacerobot.linear.loop_margins import MOST_INSTANTS
+from viz.figures.style import Drawing, legend_above, line, panels, styled
 
 MOST_LOOPS = 8
 """Loops in a diagram, those of the least disk margins."""
@@ -78,14 +78,13 @@ def nichols(linear: LinearSystem, loops: tuple[LoopMargins, ...], title: str) ->
 
 
 @styled
-def margins_along(analysis: MarginAnalysis, title: str) -> Drawing:
+def margins_along(analysis: MarginAnalysis) -> Drawing:
     """Disk and phase margins over time, of the loops with the smallest disk margins.
 
     Captures and releases are marked.
 
     Args:
         analysis: Margins at instants along a simulation.
-        title: Title of the figure.
     """
     data = analysis.to_xarray()
     least = data.disk.min("instant")
@@ -103,29 +102,22 @@ def margins_along(analysis: MarginAnalysis, title: str) -> Drawing:
                 time_s, color="#B00020" if kind == "captured" else "0.4", linewidth=0.9, linestyle=":"
             )
         panel.set(ylabel=text, ylim=(0, None))
-    axes[0, 0].set_title(title)
+    axes[0, 0].set_title(analysis.scenario)
     axes[1, 0].set_xlabel("time [s]; dotted: captured, released")
     legend_above(figure, axes[0, 0], columns=2)
     return figure
 
 
-def write_margins(analysis: MarginAnalysis, title: str, folder: Path) -> None:
-    """Write Bode and Nichols diagrams at each of few instants, or margins over many, to ``figures``.
+def margin_figures(analysis: MarginAnalysis) -> dict[str, Drawing]:
+    """Figures by name: Bode diagram and Nichols chart at each of few instants, or margins over many.
 
     Args:
         analysis: Margins at instants.
-        title: Above the diagrams.
-        folder: Where ``figures`` is.
-
-    Raises:
-        ResultError: If a file cannot be written.
     """
-    if len(analysis.loops) > MOST_LOOPS:
-        drawings = [("margins_along", margins_along(analysis, title))]
-    else:
-        drawings = [
-            (f"{name}_{k + 1}", draw(linear, loops, f"{title}, {linear.label}"))
-            for k, (linear, loops) in enumerate(zip(analysis.linearisations, analysis.loops, strict=True))
-            for name, draw in (("bode", bode), ("nichols", nichols))
-        ]
-    write_drawings(drawings, folder / "figures", ("pdf", "png", "svg"))
+    if len(analysis.loops) > MOST_INSTANTS:
+        return {"margins_along": margins_along(analysis)}
+    return {
+        f"{name}_{k + 1}": draw(linear, loops, f"{analysis.scenario}, {linear.label}")
+        for k, (linear, loops) in enumerate(zip(analysis.linearisations, analysis.loops, strict=True))
+        for name, draw in (("bode", bode), ("nichols", nichols))
+    }

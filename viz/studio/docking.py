@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -118,14 +118,12 @@ class Docking:
         robot, target = (str(choice.find(request.text(name))) for name in ("robot", "target"))
         tips, frames = ([more[name]] if more.get(name) else [] for name in ("tip", "frame"))
         point = _numbers(more.get("point"), "point")
+        order = DraftRequest([robot], target, tips, frames, more.get("base") or None)
         if point:
-            name, text = surface_point(target, point, file)
+            order, urdf, text = surface_point(replace(order, frames=(), point=point), file)
             choice.folder.mkdir(parents=True, exist_ok=True)
-            write_text(file.parent / name, text)
-            target, frames = str((file.parent / name).absolute()), ["mate_point"]
-        text, scene = draft_capture(
-            DraftRequest([robot], target, tips, frames, more.get("base") or None), file
-        )
+            write_text(urdf, text)
+        text, scene = draft_capture(order, file)
         values_by_path = {path: _numbers(more.get(key), key) for key, path in PLACED.items()}
         changes = {path: values for path, values in values_by_path.items() if values}
         if changes:

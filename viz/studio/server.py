@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from spacerobot.common.files import StrPath
-from spacerobot.scene import Scene, to_scene
+from spacerobot.scene import Scene
 from viz.page.animation import still
 from viz.page.loopback import FIRST_PORT, Stream
 from viz.page.page import page
@@ -17,9 +16,6 @@ from viz.studio.prepared_design import Origin
 from viz.studio.session import StudioSession
 from viz.studio.token_server import TokenHandler, TokenServer
 from viz.studio.waiting import WaitingPage
-
-FOLDER = Path("out/studio")
-"""Default folder of files."""
 
 MOST_BEHIND = 2
 """Number of unsent messages to a page from which its requests wait."""
@@ -47,7 +43,7 @@ class Studio(TokenServer):
     def __init__(
         self,
         origin: Origin,
-        folder: Path = FOLDER,
+        folder: Path,
         port: int = FIRST_PORT,
         tell: Callable[[str], None] = lambda _: None,
         waiting: WaitingPage | None = None,
@@ -57,6 +53,11 @@ class Studio(TokenServer):
             token, port = waiting.token, waiting.port
             waiting.close()
         super().__init__(port, token)
+
+    @property
+    def scene(self) -> Scene:
+        """Scene from which designs differ."""
+        return self.session.origin.scene
 
     def handlers(self) -> list[Any]:
         """The page and its connection."""
@@ -74,28 +75,12 @@ class Studio(TokenServer):
         super().close()
 
 
-def studio(scene: Scene | StrPath, *, folder: StrPath = FOLDER, port: int = FIRST_PORT) -> Studio:
-    """Studio of a scene, which shows itself as the last line of a notebook's cell.
-
-    It serves until it is closed or Python ends.
-
-    Args:
-        scene: What designs differ from, or the name or file of its scenario.
-        folder: The only place where anything is written.
-        port: First port to try; a busy one is stepped over.
-
-    Raises:
-        SpaceRobotError: If the scene cannot be rolled out, or no port is free.
-    """
-    return Studio(Origin(to_scene(scene)), Path(folder), port)
-
-
 class _StudioPage(TokenHandler):
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
         # the scene as it begins, until its motion is there
-        waiting = still(self.server.session.origin.scene, about="the motion is being simulated")
+        waiting = still(self.server.scene, about="the motion is being simulated")
         self.write(page(waiting | {"studio": True}, connect=f"ws://{self.request.host}"))
 
 

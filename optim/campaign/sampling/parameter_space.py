@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,21 @@ def campaign_of(scene: Scene) -> Campaign:
             "campaign",
         )
     return scene.scenario.campaign
+
+
+def with_samples(scene: Scene, samples: int) -> Scene:
+    """The scene with another number of samples in its campaign section.
+
+    Raises:
+        ScenarioError: If there is no such section, its sampler is a grid, or it cannot draw this number.
+    """
+    section = campaign_of(scene)
+    if section.sampler.is_factorial:
+        message = f"a grid's samples follow from its levels: here {section.count}; set campaign.levels"
+        raise scene.error(message, "--samples")
+    change = ("campaign.samples", samples)
+    changed_scene = build_scene(scene.scenario, [change], source=scene.source)
+    return replace(changed_scene, changes=(*scene.changes, change))
 
 
 def gain_set(scene: Scene, changes: Mapping[str, Any]) -> Scene:

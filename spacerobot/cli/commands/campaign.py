@@ -12,7 +12,6 @@ from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, parse_changes
 from spacerobot.cli.output import console, progress, show, warn
-from spacerobot.common.errors import ScenarioError
 from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
@@ -75,16 +74,8 @@ def command(
         spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
     """
     from optim.campaign import ROLLING_OUT
-    from optim.campaign.sampling.parameter_space import campaign_of
 
-    path_changes = parse_changes(changes)
-    scene = sr.load_scene(scenario, path_changes)
-    section = campaign_of(scene)
-    if samples is not None:
-        if section.sampler.is_factorial:
-            message = f"a grid's samples follow from its levels: here {section.count}; set campaign.levels"
-            raise ScenarioError(message, source=scene.source, where="--samples")
-        scene = sr.load_scene(scenario, [*path_changes, ("campaign.samples", samples)])
+    scene = sr.load_scene(scenario, parse_changes(changes))
     with progress("reading") as tell:
 
         def report(now: CampaignProgress) -> None:
@@ -92,7 +83,9 @@ def command(
             keep(now.phase == ROLLING_OUT)
             tell(str(now))
 
-        result = sr.campaign(scene, out, gains=gains, progress=report, threads=threads, dask=dask)
+        result = sr.campaign(
+            scene, out, gains=gains, samples=samples, progress=report, threads=threads, dask=dask
+        )
         keep(False)
         tell("computing statistics")
         summary = result.summary if result.done else None

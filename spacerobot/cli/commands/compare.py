@@ -115,17 +115,13 @@ def command(
             )
         else:
             _refuse("scenario", {"--problems": problems})
-            from optim.comparison.compare import even_effort
-            from optim.problem.scene_recipe import tuning_of
-
-            scene = sr.load_scene(scenario, parse_changes(changes))
             compared = sr.compare(
-                scene,
+                sr.load_scene(scenario, parse_changes(changes)),
                 out,
                 methods=parts(methods),
                 variants=parts(variants),
                 sets=parts(sets),
-                effort=even_effort(tuning_of(scene), settings, full=full),
+                effort=settings | {"full": full},
                 **options,
             )
         if page and out is not None:

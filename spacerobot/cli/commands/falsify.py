@@ -56,8 +56,6 @@ def command(
         spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
     """
     scene = sr.load_scene(scenario, parse_changes(changes))
-    from optim import SearchSession
-
     folder = journals(out, "falsify.json")
     with shown() as (tell, report):
         tell("building the closed loop")
@@ -66,7 +64,8 @@ def command(
             metric,
             limit,
             effort={"budget": budget, "starts": starts, "seed": seed},
-            session=SearchSession(folder, progress=report),
+            folder=folder,
+            progress=report,
             threads=threads,
         )
         if out is not None:

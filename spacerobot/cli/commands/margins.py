@@ -10,7 +10,6 @@ import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, show
-from spacerobot.common.tables import Table
 
 At = Annotated[
     list[str] | None,
@@ -76,36 +75,21 @@ def command(
     """
     scene = sr.load_scene(scenario, parse_changes(changes))
     instants = [_instant(text) for text in at or ["0"]]
-    if worst_case:
-        with progress("building the closed loop") as tell:
-            scene = sr.vary(scene, worst_case)
-            worst = sr.worst_margins(scene, at=instants, margin=margin, loops=loops, progress=tell)
-        show(worst)
-        return
-    if together:
-        with progress("building the closed loop") as tell:
-            bounds = [
-                (one.label, "disk margin {:.4f} to {:.4f}".format(*sr.simultaneous_disk_margin(one, loops)))
-                for one in sr.linearise(scene, instants, progress=tell)
-            ]
-        show([Table.of_pairs(f"{loops}, all at once", bounds)])
-        return
     with progress("building the closed loop") as tell:
-        analysis = sr.margins(scene, instants, along=along, progress=tell)
-        if out is not None:
-            from viz.figures.margins import write_margins
-
-            tell("drawing")
-            write_margins(analysis, scene.scenario.name, out)
-            analysis.save(out)
-    show(analysis.least_margins() if along else analysis)
-    from spacerobot.linear.loop_margins import MOST_LOOPS
-
-    count = len(analysis.loops[0])
-    if count > MOST_LOOPS:
-        more = "all in margins.nc" if out is not None else "--out DIR writes all"
-        console().print(f"the {MOST_LOOPS} of {count} loops with the least disk margins; {more}")
-    if out is not None:
+        result: sr.WorstMargins | sr.SimultaneousMargins | sr.MarginAnalysis
+        if worst_case:
+            scene = sr.vary(scene, worst_case)
+            result = sr.worst_margins(scene, instants, margin=margin, loops=loops, progress=tell)
+        elif together:
+            result = sr.simultaneous_margins(scene, instants, loops=loops, progress=tell)
+        else:
+            result = sr.margins(scene, instants, along=along, progress=tell)
+            if out is not None:
+                tell("drawing")
+                sr.figures(result, out / "figures", formats=("pdf", "png", "svg"))
+                result.save(out)
+    show(result)
+    if out is not None and isinstance(result, sr.MarginAnalysis):
         words = f"margins.nc and figures in {out}; `spacerobot report {out}` makes a page of them"
         console().print(words, markup=False, soft_wrap=True)
 

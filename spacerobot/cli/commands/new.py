@@ -10,9 +10,9 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import BEGIN, Command
-from spacerobot.cli.output import console, progress, warn
+from spacerobot.cli.output import console, progress, show
+from spacerobot.cli.tuning_options import parts
 from spacerobot.common.errors import ScenarioError
-from spacerobot.common.files import write_text
 
 Robots = Annotated[
     list[str] | None,
@@ -136,34 +136,8 @@ def command(
         lines += f"{drafted_plugin.test}: its test; run it by\npytest {shlex.quote(str(drafted_plugin.test))}"
         console().print(lines, markup=False, soft_wrap=True)
         return
-    from spacerobot.drafting import surface_point
-    from spacerobot.drafting.capture import POINT
-
-    if target is None or not (robot or bus):
-        lacks = "--target" if target is None else "--robot"
-        raise ScenarioError("found none, allowed: --robot, or --bus with --mount, and --target", where=lacks)
-    file = out or Path(f"{Path(bus or (robot or [''])[0]).stem}.yaml")
-    if file.exists():
-        raise ScenarioError("exists already; name another file by --out", source=file)
-    object_file = None
-    if point is not None:
-        # the object's URDF with a mating frame at the point
-        try:
-            place = [float(part) for part in point.split(",")]
-        except ValueError:
-            place = []
-        if len(place) != 3 or not capture or frame:
-            raise ScenarioError(
-                f"found {point!r}, allowed: x,y,z [m] on the object's root link, with --capture, "
-                "without --frame",
-                where="--point",
-            )
-        file_name, object_text = surface_point(target, place, file)
-        object_file = file.absolute().parent / file_name
-        if object_file.exists():
-            raise ScenarioError("exists already; name another file by --out", source=object_file)
-        write_text(object_file, object_text)
-        target, frame = str(object_file), [POINT]
+    if target is None:
+        raise ScenarioError("found none, allowed: the object's URDF", where="--target")
     request = sr.DraftRequest(
         robot or (),
         target,
@@ -172,28 +146,24 @@ def command(
         base,
         bus,
         mount or (),
-        [part.strip() for part in include.split(",")] if include else (),
+        parts(include) or (),
+        None if point is None else _coordinates(point),
     )
-    try:
-        with progress("drafting") as tell:
-            drafted = sr.draft(request, file, capture=capture, simulate=simulate, progress=tell)
-    except BaseException:
-        if object_file is not None:
-            object_file.unlink(missing_ok=True)
-        raise
-    write_text(file, drafted.text)
-    for warning in drafted.warnings:
-        warn(warning)
-    for grasp in drafted.scene.grasps:
-        verb = "captures" if capture else "holds"
-        line = f"{grasp.tip.label} {verb} {grasp.config.frame}, {grasp.tip.body.base.joint} base"
-        console().print(line, markup=False, soft_wrap=True)
-    for check in drafted.checks:
-        console().print(check, markup=False, soft_wrap=True)
-    for problem in drafted.problems:
-        warn(f"{file} does not work yet: {problem}")
+    with progress("drafting") as tell:
+        drafted = sr.draft(request, out, capture=capture, simulate=simulate, progress=tell)
+    file = drafted.save()
+    show(drafted)
     following = "`plan`, `tune` and `campaign`" if capture else "`tune` and `campaign`"
     state = "simulated; show it by" if drafted.is_verified else "written; simulate it by"
     console().print(
         f"{file}: {state} `spacerobot run {file}`, then {following}", markup=False, soft_wrap=True
     )
+
+
+def _coordinates(text: str) -> list[float]:
+    """Numbers of a text ``x,y,z``."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        message = f"found {text!r}, allowed: x,y,z [m] on the object's root link"
+        raise ScenarioError(message, where="--point") from None

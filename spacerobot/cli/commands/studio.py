@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,9 @@ import spacerobot as sr
 from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.options import Changes, Port, ScenarioName, parse_changes
 from spacerobot.cli.output import console, progress, warn
+
+if TYPE_CHECKING:
+    from viz.studio.waiting import WaitingPage
 
 Folder = Annotated[
     Path, typer.Option("--out", metavar="DIR", help="Folder for everything that the studio saves.")
@@ -36,25 +39,22 @@ def command(
 
         spacerobot studio my.yaml --set simulation.duration=20 --out out/trials
     """
-    from viz.studio.waiting import WaitingPage
+    addresses = list[str]()
 
-    path_changes = parse_changes(changes)
-    with WaitingPage(scenario, port) as waiting:
-        # the address can be opened at once: its page says what the studio waits for, then becomes the studio
-        opened = not no_browser and waiting.open()
-        say = "opened in the browser" if opened else "open this address in a browser"
-        console().print(f"{say}: {waiting.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
-        with progress("loading the studio's libraries and the scenario"):
-            from viz.studio.prepared_design import Origin
-            from viz.studio.server import Studio
+    def announce(page: WaitingPage) -> None:
+        """Print the page's address, and open a browser unless it is not desired."""
+        addresses.append(page.url)
+        opened = not no_browser and page.open()
+        words = "opened in the browser" if opened else "open this address in a browser"
+        console().print(f"{words}: {page.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
 
-            scene = sr.load_scene(scenario, path_changes)
-        for warning in scene.warnings:
-            warn(warning)
-        with progress("building the closed loop") as tell:
-            origin = Origin(scene, scenario, tuple(path_changes))
-            studio = Studio(origin, out, waiting.port, waiting.telling(tell), waiting)
+    with progress("loading") as tell:
+        studio = sr.studio(
+            scenario, parse_changes(changes), folder=out, port=port, on_start=announce, progress=tell
+        )
+    for warning in studio.scene.warnings:
+        warn(warning)
     with studio:
-        if studio.port != waiting.port:
+        if studio.url not in addresses:
             console().print(f"the address has changed: {studio.url}", markup=False, soft_wrap=True)
         studio.wait()

@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 import spacerobot as sr
 from optim.campaign.sampling.samplers import draw, probabilities, quantiles, score_values
 from optim.reliability.limit_state import RolloutLimitState, build_limit_state
-from optim.search.session import SearchSession
 from spacerobot.cli.app import app
 from spacerobot.common.errors import DivergedError, ScenarioError, SpaceRobotError
 from spacerobot.scenario import UncertainParameter
@@ -131,7 +130,7 @@ def test_results_are_kept_and_told_in_one_line(small, tmp_path):
 
 
 def test_an_interrupted_search_stops_and_continues_from_its_journal(small, tmp_path, monkeypatch):
-    scene, session = small(campaign=CAMPAIGN), SearchSession(tmp_path / "journals")
+    scene, journals = small(campaign=CAMPAIGN), tmp_path / "journals"
     whole = sr.falsify(scene, effort=sr.Effort(starts=2))
     asked = RolloutLimitState.quantities
     calls = []
@@ -144,8 +143,8 @@ def test_an_interrupted_search_stops_and_continues_from_its_journal(small, tmp_p
 
     monkeypatch.setattr(RolloutLimitState, "quantities", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        sr.falsify(scene, effort=sr.Effort(starts=2), session=session)
-    assert sr.falsify(scene, effort=sr.Effort(starts=2), session=session) == whole
+        sr.falsify(scene, effort=sr.Effort(starts=2), folder=journals)
+    assert sr.falsify(scene, effort=sr.Effort(starts=2), folder=journals) == whole
 
 
 def test_a_search_in_which_everything_diverges_says_so(small, monkeypatch):

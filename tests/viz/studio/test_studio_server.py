@@ -21,6 +21,20 @@ def studio(arm):
         yield served
 
 
+def test_a_named_scenario_starts_with_changes_at_the_address_of_the_waiting_page(arm, tmp_path):
+    addresses, steps = [], []
+    started = {"on_start": lambda page: addresses.append(page.url), "progress": steps.append}
+    with sr.studio(arm, {"simulation.duration": 0.5}, folder=tmp_path, port=7720, **started) as studio:
+        assert addresses == [studio.url]
+        assert studio.scene.scenario.simulation.duration == 0.5
+        changed = studio.session.origin.build({"target.links.body.mass": 30})
+    assert changed.scenario.simulation.duration == 0.5
+    assert changed.scenario.target.links["body"].mass == 30
+    assert "building the closed loop" in steps
+    with sr.studio(sr.load_scene(arm), {"simulation.duration": 0.4}, folder=tmp_path, port=7720) as studio:
+        assert studio.scene.scenario.simulation.duration == 0.4
+
+
 def _get(studio, path, headers=None):
     connection = http.client.HTTPConnection(ADDRESS, studio.port, timeout=10)
     connection.request("GET", path, headers=headers or {})
