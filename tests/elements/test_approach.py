@@ -8,8 +8,9 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
-from tests.oracles.engine import Engine
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from tests.oracles.hybrid import roll
+from tests.oracles.motions import DesiredMotions
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
 WAY = {
@@ -44,18 +45,25 @@ def drifting(case, **more):
     return small_scene(text, changes | free | more)
 
 
-def asked(engine, t, x):
-    return engine.instant(t, x).motions["one/tip"]
+def asked(desired, t, x):
+    return desired.at(t, x)["one/tip"]
+
+
+def mechanics(scene, x):
+    nq = scene.model.nq
+    return MechanicalState(scene.model, x[:nq], x[nq : nq + scene.model.nv])
 
 
 @pytest.mark.parametrize("case", SCENES)
 @pytest.mark.parametrize("t", [0.3, 0.9, 1.1 + 0.4 * CLOSING, END + 0.1])
 def test_velocity_and_acceleration_are_the_rates_of_what_is_asked_for(case, t):
     scene, h = drifting(case), 1e-5
-    engine = Engine(scene)
-    x = random_x(scene, np.random.default_rng(2), len(engine.x0))
-    rate = engine.derivative(t, x)
-    behind, now, ahead = (asked(engine, t + s * h, engine.normalise(x + s * h * rate)) for s in (-1, 0, 1))
+    desired = DesiredMotions(scene)
+    x = random_x(scene, np.random.default_rng(2), len(desired.x0))
+    rate = desired.rate(t, x)
+    behind, now, ahead = (
+        asked(desired, t + s * h, desired.loop.normalise(x + s * h * rate).full().ravel()) for s in (-1, 0, 1)
+    )
 
     def slope(name):
         return (getattr(ahead, name) - getattr(behind, name)) / (2 * h)
@@ -71,18 +79,16 @@ def test_velocity_and_acceleration_are_the_rates_of_what_is_asked_for(case, t):
 @pytest.mark.parametrize("case", SCENES)
 def test_a_rendezvous_begins_where_the_tip_is_and_ends_where_it_is_said(case):
     scene = drifting(case)
-    engine = Engine(scene)
-    start = engine.instant(0.0, engine.x0)
-    tip = start.kinematics.frame(scene.tips[0].frame)
-    first = start.motions["one/tip"]
+    desired = DesiredMotions(scene)
+    state = mechanics(scene, desired.x0)
+    tip, first = state.frame(scene.tips[0].frame), asked(desired, 0.0, desired.x0)
     np.testing.assert_allclose(first.position, tip.position, atol=1e-12)
     np.testing.assert_allclose(first.velocity, tip.velocity[:3], atol=1e-12)
     np.testing.assert_allclose(first.rotation, tip.rotation, atol=1e-12)
     frame = scene.model.getFrameId(f"target/{scene.tips[0].reference.frame}", pin.FrameType.BODY)
     turn = pin.rpy.rpyToMatrix(np.radians(scene.tips[0].reference.mated_deg))
     for t, distance in ((0.7, 0.3), (1.1, 0.3), (END, 0.05)):
-        instant = engine.instant(t, engine.x0)
-        mate, wanted = instant.kinematics.frame(frame), instant.motions["one/tip"]
+        mate, wanted = state.frame(frame), asked(desired, t, desired.x0)
         place = mate.position - distance * mate.rotation @ [0, 1, 0]
         np.testing.assert_allclose(wanted.position, place, atol=1e-12)
         np.testing.assert_allclose(wanted.rotation, mate.rotation @ turn, atol=1e-12)
@@ -93,24 +99,24 @@ def test_a_rendezvous_begins_where_the_tip_is_and_ends_where_it_is_said(case):
 
 def test_it_closes_in_at_the_speed_that_is_asked_for():
     scene = drifting("planar", **{"target.base.velocity": [0, 0, 0], "target.base.spin_deg": [0, 0, 0]})
-    engine = Engine(scene)
+    desired = DesiredMotions(scene)
     times = np.linspace(1.1, END, 201)
-    speeds = [np.linalg.norm(asked(engine, t, engine.x0).velocity) for t in times]
+    speeds = [np.linalg.norm(asked(desired, t, desired.x0).velocity) for t in times]
     assert max(speeds) == pytest.approx(0.5, rel=1e-4)
 
 
 @pytest.mark.parametrize("case", SCENES)
 def test_brake_comes_to_rest_within_its_limits(case):
     scene = drifting(case, **{PATH: BRAKE, "robots.one.base.velocity": [0.1, -0.05, 0]})
-    loop, engine = build_closed_loop(scene), Engine(scene)
-    tip = engine.instant(0.0, engine.x0).kinematics.frame(scene.tips[0].frame)
-    first = asked(engine, 0.0, engine.x0)
+    desired = DesiredMotions(scene)
+    loop, tip = desired.loop, mechanics(scene, desired.x0).frame(scene.tips[0].frame)
+    first = asked(desired, 0.0, desired.x0)
     np.testing.assert_allclose(first.velocity, tip.velocity[:3], atol=1e-12)
     np.testing.assert_allclose(first.angular_velocity, tip.velocity[3:], atol=1e-12)
     (end,) = {
         t for t in loop.breakpoints if t not in {s for tip in scene.tips for s in tip.reference.jumps()}
     }
-    motions = [asked(engine, t, engine.x0) for t in np.linspace(0, end, 401)]
+    motions = [asked(desired, t, desired.x0) for t in np.linspace(0, end, 401)]
     found = [
         max(np.linalg.norm(m.acceleration) for m in motions) / 0.02,
         max(np.linalg.norm(m.angular_acceleration) for m in motions) / np.radians(2),

@@ -163,15 +163,21 @@ def test_gains_and_feed_forward_have_exact_gradients():
 
 
 @pytest.mark.parametrize("text", [FLAT, DEEP], ids=["planar", "spatial"])
-def test_a_filtered_rate_comes_near_to_the_ideal_one_as_its_time_falls(text):
+@pytest.mark.parametrize("key", ["turn", "stay"])
+def test_a_filtered_rate_comes_near_to_the_ideal_one_as_its_time_falls(text, key):
+    stay = {"kind": "base_position", "kp": 700, "kd": 90, "position": [0.05, 0, 0]}
     ways = {"derivative": "filtered", "filter_time": 0.004}
+    output = {"turn": "base_attitude_error", "stay": "base_position_error"}[key]
     ends = []
     for changes in ({}, ways, ways | {"filter_time": 0.002}, {"feed_forward": 0}):
-        scene = small_scene(text, {f"robots.one.controllers.turn.{k}": v for k, v in changes.items()})
+        own = {f"robots.one.controllers.{key}.{k}": v for k, v in changes.items()}
         rollout = sr.build_rollout(
-            build_closed_loop(scene), duration_s=0.3, step_s=0.002, backend="interpreted"
+            build_closed_loop(small_scene(text, {"robots.one.controllers.stay": stay} | own)),
+            duration_s=0.3,
+            step_s=0.002,
+            backend="interpreted",
         )
-        ends.append(rollout.run().outputs["base_attitude_error"][-1])
+        ends.append(rollout.run().outputs[output][-1])
     missed = [np.abs(end - ends[0]).max() for end in ends[1:]]
     assert missed[1] < 0.6 * missed[0]
     assert missed[0] < 0.1 * missed[2]

@@ -8,12 +8,14 @@ import itertools
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import spacerobot.elements as elements
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.grasps.point import Point
+from spacerobot.elements.references.rendezvous import Rendezvous
 from spacerobot.pinocchio_engine import PinocchioLoop
 from tests.oracles import engine as independent
 from tests.oracles.engine.actuation import delivery_of
@@ -25,6 +27,7 @@ from tests.oracles.engine.references import leading, path_of
 from tests.oracles.engine.robot_law import robot_law
 from tests.oracles.engine.sensing import reading_of
 from tests.oracles.engine.tip_control import tip_law
+from tests.oracles.motions import DesiredMotions
 from tests.oracles.small_scenes import ONE_SPATIAL_ARM as SPATIAL
 from tests.oracles.small_scenes import PLANAR, random_x, small_scene
 from tests.oracles.small_scenes import SPATIAL as WITH_TWO
@@ -425,6 +428,32 @@ def test_momentum_and_energy_are_accounted_for_at_every_instant(family, kind, te
         found, works = (value.full().ravel() for value in evaluate(0.4, state_of(scene, loop, seed)))
         scale = 1 + np.abs(works).max()
         np.testing.assert_allclose(found / scale, 0, atol=1e-9)
+
+
+OF_TIME = [kind for kind, one in elements.kinds("reference").items() if not issubclass(one, Rendezvous)]
+"""References that follow nothing; ``test_approach`` differentiates one that follows the target."""
+
+
+def carried(text):
+    """A scene in which the target's reference, which turns, carries the tips."""
+    turn = [0, 0, 40] if text is PLANAR else [20, -10, 40]
+    way = {"kind": "circle", "duration": 1.5, "rotation_deg": turn}
+    return small_scene(text, {"robots.*.tips.tip.reference": None, "target.reference": way})
+
+
+@pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize("kind", [*OF_TIME, "of the target"])
+def test_velocities_and_accelerations_of_a_reference_are_the_rates_of_its_pose(kind, text):
+    scene = carried(text) if kind == "of the target" else scene_of("reference", kind, text)
+    desired, h = DesiredMotions(scene), 1e-5
+    for t in (0.33, 0.85, 1.25, 1.8):
+        before, now, after = (desired.at(t + s * h, desired.x0)["one/tip"] for s in (-1, 0, 1))
+        turn = pin.log3(after.rotation @ before.rotation.T) / (2 * h)
+        np.testing.assert_allclose(now.velocity, (after.position - before.position) / (2 * h), atol=1e-8)
+        np.testing.assert_allclose(now.acceleration, (after.velocity - before.velocity) / (2 * h), atol=1e-8)
+        np.testing.assert_allclose(now.angular_velocity, turn, atol=1e-8)
+        bend = (after.angular_velocity - before.angular_velocity) / (2 * h)
+        np.testing.assert_allclose(now.angular_acceleration, bend, atol=1e-8)
 
 
 @pytest.mark.parametrize(("family", "kind"), KINDS)

@@ -100,6 +100,22 @@ def test_gradients_by_the_gear():
     np.testing.assert_allclose(exact.gradients["x"], (ends[:3] - ends[3:]) / (2e-4 * base), rtol=1e-5)
 
 
+@pytest.mark.parametrize("speed", [-9.0, 0.3, 4.0, 40.0])
+def test_friction_of_a_motor_is_that_of_stribeck(speed):
+    """Of a motor without torque whose gear is not deflected; it has the least friction where it slides."""
+    friction = {"viscous": 1e-3, "coulomb": 0.02, "coulomb_speed": 0.5, "stribeck": 0.01, "stribeck_speed": 5}
+    scene = geared("fixed", hold={"kp": 0.0, "kd": 0.0}, **friction)
+    loop = build_closed_loop(scene)
+    x, c = (part.full().ravel() for part in loop.setup(loop.parameter_values))
+    names = list(loop.state_names)
+    x[names.index("v.arm/joint_1")] = speed / GEAR["ratio"]
+    place = names.index("arm/gears.momentum[0]")
+    x[place] = GEAR["inertia"] * speed
+    slow = 0.02 + 0.01 * np.exp(-((speed / 5) ** 2))
+    expected = -1e-3 * speed - slow * speed / np.hypot(speed, 0.5)
+    assert loop.dynamics(0, x, c).full().ravel()[place] == pytest.approx(expected, rel=1e-12)
+
+
 def test_a_pattern_that_no_joint_matches():
     with pytest.raises(ScenarioError, match="no joint 'elbow'"):
         geared("fixed", joints="elbow")
