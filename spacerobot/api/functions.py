@@ -127,12 +127,11 @@ def plan(
         NoPlanError: If no feasible motion was found, or the solution fails the verification.
         ResultError: If the folder has other content or cannot be written.
     """
-    from optim.planning.output.plan_folder import SUMMARY
     from optim.planning.search.make_plan import make_plan
     from spacerobot.result import check_folder
 
     if folder is not None:
-        check_folder(folder, SUMMARY)
+        check_folder(folder, PlanResult.job)
     planned = make_plan(to_scene(scene), warm_start=warm_start, folder=journals(folder), **options)
     result = PlanResult.of(planned, sensitivities)
     return result if folder is None else result.save(folder)
@@ -210,7 +209,7 @@ def _comparison_session(folder: StrPath | None, options: SearchOptions) -> Searc
     from spacerobot.result import check_folder
 
     if folder is not None:
-        check_folder(folder, "comparison.json")
+        check_folder(folder, ComparisonResult.job)
     return search_session(folder, options)
 
 

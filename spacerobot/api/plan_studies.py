@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, Unpack
 
 from spacerobot.api.options import PlanOptions, journals
-from spacerobot.api.results import PlanResult, copied
+from spacerobot.api.results import PlanResult
 from spacerobot.api.study import Playback, Study
 from spacerobot.common.errors import ResultError, ScenarioError
 from spacerobot.common.files import StrPath
@@ -33,15 +33,16 @@ class ParetoFrontResult(Study):
             units, its ``status`` (``efficient``, ``dominated`` or ``refused``), the ``changes`` of the
             scenario that give it, and the summary of its plan.
         folder: Folder that the front was read from or written to, or None.
-        front: Solved problems, from :func:`spacerobot.pareto_front`; None if the front was read from files.
+        solution: Solved problems, from :func:`spacerobot.pareto_front`; None if the front was read.
     """
 
     name: ClassVar[str] = "Pareto front"
     file: ClassVar[str] = "front.json"
+    job: ClassVar[str] = "front.json"
 
     summary: Mapping[str, Any]
     folder: Path | None = None
-    front: ParetoFront | None = field(default=None, repr=False)
+    solution: ParetoFront | None = field(default=None, repr=False)
 
     @property
     def points(self) -> Sequence[Mapping[str, Any]]:
@@ -58,27 +59,24 @@ class ParetoFrontResult(Study):
         Raises:
             ResultError: If the point is unknown or has no plan.
         """
-        if self.front is None:
+        if self.solution is None:
             assert self.folder is not None
             return PlanResult.load(self.folder / name)
-        plans = {point.name: point.plan for point in self.front.points if point.plan is not None}
+        plans = {point.name: point.plan for point in self.solution.points if point.plan is not None}
         if name not in plans:
             raise ResultError(f"no plan of a point {name!r}; allowed: {', '.join(plans)}")
         return PlanResult.of(plans[name])
 
-    def save(self, path: StrPath) -> ParetoFrontResult:
+    def write(self, folder: Path) -> Self:
         """Write ``front.json``, and the plan of each point to a subfolder.
 
         Raises:
-            ResultError: If the folder has other content or cannot be written.
+            ResultError: If the folder cannot be written.
         """
-        from optim.planning.output.front_folder import FRONT, write
+        from optim.planning.output.front_folder import write
 
-        if self.front is None:
-            assert self.folder is not None
-            return replace(self, folder=copied(self.folder, path))
-        check_folder(path, FRONT)
-        return replace(self, summary=write(self.front, path), folder=Path(path))
+        assert self.solution is not None
+        return replace(self, summary=write(self.solution, folder), folder=folder)
 
     @classmethod
     def load(cls, path: StrPath) -> Self:
@@ -126,37 +124,34 @@ class DesignStudyResult(Study):
         summary: Variables, designs and sweeps, as in ``design.json``.
         plan: Plan of the optimal design, refined and verified.
         folder: Folder that the study was read from or written to, or None.
-        study: All designs, from :func:`spacerobot.design_study`; None if the study was read from files.
+        solution: All designs, from :func:`spacerobot.design_study`; None if the study was read from files.
     """
 
     name: ClassVar[str] = "design study"
     file: ClassVar[str] = "design.json"
+    job: ClassVar[str] = "plan.json"
 
     summary: Mapping[str, Any]
     plan: PlanResult
     folder: Path | None = None
-    study: DesignStudy | None = field(default=None, repr=False)
+    solution: DesignStudy | None = field(default=None, repr=False)
 
     @property
     def design(self) -> dict[str, float]:
         """Optimal values of the variables, in the scenario's units."""
         return {name: one["found"] for name, one in self.summary["variables"].items()}
 
-    def save(self, path: StrPath) -> DesignStudyResult:
+    def write(self, folder: Path) -> Self:
         """Write ``design.json`` and the plan of the optimal design.
 
         Raises:
-            ResultError: If the folder has other content or cannot be written.
+            ResultError: If the folder cannot be written.
         """
-        from optim.planning.output.plan_folder import SUMMARY
         from optim.planning.output.study_folder import write
 
-        if self.study is None:
-            assert self.folder is not None
-            return replace(self, folder=copied(self.folder, path))
-        check_folder(path, SUMMARY)
-        summary = write(self.study, path)
-        return replace(self, summary=summary, plan=replace(self.plan, folder=Path(path)), folder=Path(path))
+        assert self.solution is not None
+        summary = write(self.solution, folder)
+        return replace(self, summary=summary, plan=replace(self.plan, folder=folder), folder=folder)
 
     @classmethod
     def load(cls, path: StrPath) -> Self:
@@ -222,14 +217,14 @@ def pareto_front(
         ScenarioError: If the terms have no weights, or the duration to be swept is fixed.
         ResultError: If the folder has other content or cannot be written.
     """
-    from optim.planning.output.front_folder import FRONT, to_data
+    from optim.planning.output.front_folder import to_data
     from optim.planning.studies.pareto_front import FrontRequest, make_front
 
     if len(terms) != 2:
         message = f"found {','.join(terms)!r}, allowed: two terms of the cost, as time,base_rotation"
         raise ScenarioError(message, where="--pareto")
     if folder is not None:
-        check_folder(folder, FRONT)
+        check_folder(folder, ParetoFrontResult.job)
     front = make_front(
         to_scene(scene),
         FrontRequest((terms[0], terms[1]), points),
@@ -261,12 +256,11 @@ def design_study(
         NoPlanError: If the scenario's own design, or the optimal one, has no verified plan.
         ResultError: If the folder has other content or cannot be written.
     """
-    from optim.planning.output.plan_folder import SUMMARY
     from optim.planning.output.study_folder import to_data
     from optim.planning.studies.design_study import make_study
 
     if folder is not None:
-        check_folder(folder, SUMMARY)
+        check_folder(folder, DesignStudyResult.job)
     study = make_study(to_scene(scene), points, folder=journals(folder), **options)
     result = DesignStudyResult(to_data(study), PlanResult.of(study.plan), None, study)
     return result if folder is None else result.save(folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,6 +40,7 @@ class CampaignResult(Study):
 
     name: ClassVar[str] = "campaign"
     file: ClassVar[str] = "campaign.json"
+    job: ClassVar[str] = "campaign.json"
 
     folder: Path
     evaluator: CampaignEvaluator
@@ -82,14 +82,6 @@ class CampaignResult(Study):
 
         draw = self.data.draw.values[sample]
         return simulate_sample(self.evaluator, draw, gains or str(self.data.gains.values[0]))
-
-    def save(self, path: StrPath) -> CampaignResult:
-        """Copy the campaign's folder.
-
-        Raises:
-            ResultError: If the folder cannot be copied, or ``path`` exists.
-        """
-        return CampaignResult(copied(self.folder, path), self.evaluator, self.is_complete)
 
     @classmethod
     def load(cls, path: StrPath) -> Self:
@@ -154,16 +146,17 @@ class PlanResult(Study):
         data: Motion over time with labels and units, as in ``plan.nc``.
         summary: Cost and its terms, durations, verification and solver runs, as in ``plan.json``.
         folder: Folder that the plan was read from or written to, or None.
-        planned: Solved problem, from :func:`spacerobot.plan`; None if the plan was read from files.
+        solution: Solved problem, from :func:`spacerobot.plan`; None if the plan was read from files.
     """
 
     name: ClassVar[str] = "plan"
     file: ClassVar[str] = "plan.json"
+    job: ClassVar[str] = "plan.json"
 
     data: xr.Dataset
     summary: Mapping[str, Any]
     folder: Path | None = None
-    planned: PlanSolution | None = field(default=None, repr=False)
+    solution: PlanSolution | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, planned: PlanSolution, sensitivities: Sequence[str] = ()) -> PlanResult:
@@ -200,37 +193,33 @@ class PlanResult(Study):
 
         if self.folder is not None:
             return load_scene(self.folder / FOLLOWED, expand_xacro=False)
-        assert self.planned is not None  # without a folder, the plan is a new solution
+        assert self.solution is not None  # without a folder, the plan is a new solution
         # the scenario reads the motion from the plan's file
         with tempfile.TemporaryDirectory(prefix="spacerobot-plan-") as folder:
-            write(self.planned, folder)
+            write(self.solution, folder)
             scene = load_scene(Path(folder) / FOLLOWED, expand_xacro=False)
-        return replace(scene, source=self.planned.scene.source)
+        return replace(scene, source=self.solution.scene.source)
 
     def problem_scene(self) -> Scene:
         """Scene of the planning problem."""
         from optim.planning.output.plan_folder import SCENARIO
 
-        if self.planned is not None:
-            return self.planned.scene
+        if self.solution is not None:
+            return self.solution.scene
         assert self.folder is not None
         return load_scene(self.folder / SCENARIO, expand_xacro=False)
 
-    def save(self, path: StrPath) -> PlanResult:
+    def write(self, folder: Path) -> Self:
         """Write ``plan.nc``, ``plan.json`` and ``followed.yaml``, the scenario that follows the plan.
 
         Raises:
-            ResultError: If the folder has other content or cannot be written.
+            ResultError: If the folder cannot be written.
         """
-        from optim.planning.output.plan_folder import SUMMARY, write
-        from spacerobot.result import check_folder
+        from optim.planning.output.plan_folder import write
 
-        if self.planned is None:
-            assert self.folder is not None
-            return replace(self, folder=copied(self.folder, path))
-        check_folder(path, SUMMARY)
-        write(self.planned, path, self.summary.get("cost_sensitivities"))
-        return replace(self, folder=Path(path))
+        assert self.solution is not None
+        write(self.solution, folder, self.summary.get("cost_sensitivities"))
+        return replace(self, folder=folder)
 
     @classmethod
     def load(cls, path: StrPath) -> Self:
@@ -293,15 +282,16 @@ class ComparisonResult(Study):
     Attributes:
         summary: Objectives, costs, running times and robustness of each method, as in ``comparison.json``.
         folder: Folder that the comparison was read from or written to, or None.
-        comparison: All runs, from :func:`spacerobot.compare`; None if the comparison was read from files.
+        solution: All runs, from :func:`spacerobot.compare`; None if the comparison was read from files.
     """
 
     name: ClassVar[str] = "comparison"
     file: ClassVar[str] = "comparison.json"
+    job: ClassVar[str] = "comparison.json"
 
     summary: Mapping[str, Any]
     folder: Path | None = None
-    comparison: Comparison | None = field(default=None, repr=False)
+    solution: Comparison | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, comparison: Comparison) -> ComparisonResult:
@@ -310,7 +300,7 @@ class ComparisonResult(Study):
 
         return cls(to_data(comparison), None, comparison)
 
-    def save(self, path: StrPath) -> ComparisonResult:
+    def write(self, folder: Path) -> Self:
         """Write ``comparison.json``, and each evaluated design as a result.
 
         Raises:
@@ -318,10 +308,8 @@ class ComparisonResult(Study):
         """
         from optim.comparison.results import write
 
-        if self.comparison is None:
-            assert self.folder is not None
-            return replace(self, folder=copied(self.folder, path))
-        return replace(self, summary=write(self.comparison, path), folder=Path(path))
+        assert self.solution is not None
+        return replace(self, summary=write(self.solution, folder), folder=folder)
 
     @classmethod
     def load(cls, path: StrPath) -> Self:
@@ -376,19 +364,3 @@ class ComparisonResult(Study):
         if self.folder is None:
             raise ResultError("a comparison is shown from its files; save it first")
         return self.folder
-
-
-def copied(folder: Path, path: StrPath) -> Path:
-    """Copy a folder, unless ``path`` is that folder, and return the copy.
-
-    Raises:
-        ResultError: If the folder cannot be copied, or ``path`` exists.
-    """
-    target = Path(path)
-    if target.resolve() == folder.resolve():
-        return folder
-    try:
-        shutil.copytree(folder, target)
-    except OSError as fault:
-        raise ResultError(f"cannot be written: {fault}", source=target) from None
-    return target

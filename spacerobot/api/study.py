@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from spacerobot.common.errors import ResultError
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Tabular
-from spacerobot.result import Result
+from spacerobot.result import Result, check_folder
 from spacerobot.simulation import Progress
 
 if TYPE_CHECKING:
@@ -37,12 +38,44 @@ class Study(Tabular):
     Attributes:
         name: Name of the kind of study in messages.
         file: File that identifies the folder of such a study.
+        job: File by which the output folder is checked before a computation begins, a key of
+            :data:`spacerobot.result.store.JOBS`.
         folder: Folder of the study; None if it is not saved.
+        solution: Solved problems, of which :meth:`write` writes the files; None if the study was read.
     """
 
     name: ClassVar[str]
     file: ClassVar[str]
+    job: ClassVar[str]
     folder: Path | None
+    solution: Any = None
+
+    def save(self, path: StrPath) -> Self:
+        """Write the files of the study, or copy the folder that it was read from.
+
+        Args:
+            path: Folder; files of an earlier study of this kind are replaced.
+
+        Returns:
+            Study: The study with this folder.
+
+        Raises:
+            ResultError: If the folder has other content, cannot be written, or a copy would replace it.
+        """
+        target = Path(path)
+        if self.solution is None:
+            assert self.folder is not None  # a study without a solution was read from files
+            return replace(self, folder=copied(self.folder, target))  # type: ignore[type-var]
+        check_folder(target, self.job)
+        return self.write(target)
+
+    def write(self, folder: Path) -> Self:
+        """Write the files of the solution, and return the study with this folder.
+
+        Raises:
+            ResultError: If the folder cannot be written.
+        """
+        raise NotImplementedError
 
     @classmethod
     @abstractmethod
@@ -90,3 +123,19 @@ class Study(Tabular):
     def first_view(self) -> dict[str, Any] | None:
         """Data of a page shown while :meth:`playback` is computed; None if that takes little time."""
         return None
+
+
+def copied(folder: Path, path: StrPath) -> Path:
+    """Copy a folder, unless ``path`` is that folder, and return the copy.
+
+    Raises:
+        ResultError: If the folder cannot be copied, or ``path`` exists.
+    """
+    target = Path(path)
+    if target.resolve() == folder.resolve():
+        return folder
+    try:
+        shutil.copytree(folder, target)
+    except OSError as fault:
+        raise ResultError(f"cannot be written: {fault}", source=target) from None
+    return target

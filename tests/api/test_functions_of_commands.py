@@ -186,6 +186,13 @@ def test_plans_and_their_front_are_printed_drawn_and_read_again(reach, tmp_path)
     assert [point["values"] for point in again.points] == [point["values"] for point in front.points]
     assert again.plan("point_1").cost == front.plan("point_1").cost
     assert set(sr.figures(front)) == {"front"}
+    # a front that was read is copied; a solved one replaces an earlier one and no other content
+    assert again.save(tmp_path / "copy").points == again.points
+    with pytest.raises(ResultError, match="cannot be written"):
+        again.save(tmp_path / "copy")
+    assert front.save(tmp_path / "copy").folder == tmp_path / "copy"
+    with pytest.raises(ResultError, match="holds files, not a front of plans"):
+        front.save(reach.parent)
     with pytest.raises(ResultError, match="no plan of a point 'point_9'; allowed: point_1, point_2"):
         front.plan("point_9")
     with pytest.raises(ScenarioError, match="allowed: two terms of the cost"):

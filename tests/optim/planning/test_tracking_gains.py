@@ -25,7 +25,7 @@ HELD = {
 
 @pytest.fixture(scope="module")
 def planned():
-    return sr.plan(sr.load_scene("examples/catch.yaml", HELD), backend="interpreted").planned
+    return sr.plan(sr.load_scene("examples/catch.yaml", HELD), backend="interpreted").solution
 
 
 def test_joints_feel_what_a_rigid_grasp_holds(planned):
