@@ -219,7 +219,7 @@ def gradient(
             "unit": ("quantity", [each.unit_in(scene) for each in chosen]),
         },
     )
-    return GradientResult(data.assign_attrs(status=derivatives.status[0]))
+    return GradientResult(data.assign_attrs(status=derivatives.status[0], scenario=scene.scenario.name))
 
 
 def batch(
@@ -276,7 +276,7 @@ def batch(
         attributes = {"units": each.unit_in(scene), "long_name": each.label}
         data[each.name] = ((sample, of), grouped, attributes)
         coordinates[of] = unique
-    return BatchResult(xr.Dataset(data, coordinates))
+    return BatchResult(xr.Dataset(data, coordinates, {"scenario": scene.scenario.name}))
 
 
 def find_quantities(names: str | Sequence[str]) -> tuple[Quantity, ...]:

@@ -186,7 +186,7 @@ def report(
             plan; or the file or folder of margins, a batch, a gradient, a failure probability, a
             falsification or an identification.
         path: HTML file to write.
-        title: Heading of the page; the names of the results if None.
+        title: Heading of the page; the name of the scenario, and the names of several results, if None.
         progress: Callback with a short text, called when a step that may take long begins.
 
     Raises:
@@ -197,12 +197,12 @@ def report(
     from viz.report.report import report as results_page
 
     if isinstance(results, Tabular) and not isinstance(results, Source):
-        write_text(Path(path), _tables_page(results, title or _heading(results)))
+        write_text(Path(path), _tables_page(results, None, title))
         return
     named = _listed(results)
     tabular = _tabular(named)
     if tabular is not None:
-        write_text(Path(path), _tables_page(*tabular) if title is None else _tables_page(tabular[0], title))
+        write_text(Path(path), _tables_page(*tabular, title))
         return
     for source in named:
         name = _study_name(source)
@@ -219,15 +219,15 @@ def report(
     note_derived([result.folder for result in results_shown], [path])
 
 
-def _tables_page(result: Tabular, title: str) -> str:
+def _tables_page(result: Tabular, source: Path | None, title: str | None) -> str:
     """Page with the tables and figures of a result without a page of its own."""
     from viz.report.tables_report import tables_report
 
-    return tables_report(result, title)
+    return tables_report(result, title or _heading(result), source.resolve().name if source else "")
 
 
-def _tabular(named: Sequence[Source | StrPath]) -> tuple[Tabular, str] | None:
-    """Result of a file, or of a folder of margins, and its heading; None if no source is one.
+def _tabular(named: Sequence[Source | StrPath]) -> tuple[Tabular, Path] | None:
+    """Result of a file, or of a folder of margins, and its path; None if no source is one.
 
     Raises:
         ResultError: If there are other sources besides it.
@@ -242,15 +242,17 @@ def _tabular(named: Sequence[Source | StrPath]) -> tuple[Tabular, str] | None:
             continue
         if len(named) > 1:
             raise ResultError(f"{loaded!r} has a page of its own; name it alone", source=Path(source))
-        return loaded, f"{_heading(loaded)}: {Path(source).stem}"
+        return loaded, Path(source)
     return None
 
 
 def _heading(result: Tabular) -> str:
-    """Name of a result's class in words."""
+    """Name of a result's class in words, and that of its scenario if it is known."""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(result).__name__.removesuffix("Result")).lower()
     words = {"saved margins": "stability margins", "margin analysis": "stability margins"}.get(words, words)
-    return f"{words[:1].upper()}{words[1:]}"
+    data = getattr(result, "data", None)
+    scenario = getattr(result, "scenario", "") if data is None else data.attrs.get("scenario", "")
+    return f"{words[:1].upper()}{words[1:]}" + (f" of {scenario}" if scenario else "")
 
 
 def playback(sources: Sources, progress: Progress | None = None, title: str | None = None) -> Playback:

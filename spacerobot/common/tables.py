@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -44,7 +45,7 @@ class Table:
 
         def cells(tag: str, scope: str, texts: Iterable[str]) -> str:
             attributes = f" scope='{scope}' style='text-align:left'" if scope else ""
-            return "".join(f"<{tag}{attributes}>{escape(text)}</{tag}>" for text in texts)
+            return "".join(f"<{tag}{attributes}>{breakable(text)}</{tag}>" for text in texts)
 
         caption = f"<caption><span>{escape(self.title)}</span></caption>" if self.title else ""
         head = f"<thead><tr>{cells('th', 'col', self.headings)}</tr></thead>" if self.has_headings else ""
@@ -130,6 +131,15 @@ def unit_of_joint(unit: str, kind: str) -> str:
     """Unit of a joint's number: of ``rad or m`` the second for a prismatic joint, otherwise the first."""
     first, _, second = unit.partition(" or ")
     return second if second and kind == "prismatic" else first
+
+
+_NAME_PARTS = re.compile(r"(?<=[\w*][._])(?=[A-Za-z*])|(?<=\w\w/)(?=\w{3})")
+"""Ends of the parts of a dotted path or a name; neither in numbers nor in units such as deg/s."""
+
+
+def breakable(text: str) -> str:
+    """HTML of a text that a narrow page may break after the dots, slashes and underscores of names."""
+    return _NAME_PARTS.sub("<wbr>", escape(text))
 
 
 def escape(text: str) -> str:

@@ -136,6 +136,7 @@ class MarginAnalysis(Tabular):
                 "description": ("instant", [one.description for one in linear]),
                 "loop": [one.name for one in rows[0]] if rows else [],
             },
+            attrs={"scenario": self.scenario},
         )
 
     def save(self, folder: StrPath) -> SavedMargins:

@@ -19,9 +19,12 @@ LONGEST_VALUE = 60
 def labels_of(results: Sequence[Result]) -> list[str]:
     """Short names that tell results apart.
 
-    They are the names of their folders, else of their scenarios. Equal names are replaced by the values in
-    which the scenarios differ, if these are few, and numbered otherwise.
+    A single result has the name of its scenario. Several have the names of their folders, else of their
+    scenarios; equal names are replaced by the values in which the scenarios differ, if these are few, and
+    numbered otherwise.
     """
+    if len(results) == 1:
+        return [results[0].scenario.name]
     names = [result.folder.resolve().name if result.folder else result.scenario.name for result in results]
     if len(set(names)) == len(names):
         return names

@@ -57,7 +57,7 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Report
 
     Args:
         results: Results to be reported, the main one first.
-        title: Heading; composed of the results' names if None.
+        title: Heading; the name of the scenario, and the names of several results, if None.
         sections: Sections of the report; other packages may add theirs.
 
     Raises:
@@ -66,16 +66,26 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Report
     check_comparable(results)
     subject = parts.subject_of(results)
     bodies = [(section, section.body(subject)) for section in sections]
-    heading = title or " · ".join(subject.labels[:4]) + (" · ..." if len(subject.labels) > 4 else "")
-    return page(heading, [(section, body) for section, body in bodies if body is not None])
+    shown = [(section, body) for section, body in bodies if body is not None]
+    folder = results[0].folder if len(results) == 1 else None
+    return page(title or _heading(subject), shown, source=folder.resolve().name if folder else "")
 
 
-def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
+def _heading(subject: parts.Subject) -> str:
+    """Name of the scenario that all results have in common, and the labels of several results."""
+    labels = " · ".join(subject.labels[:4]) + (" · ..." if len(subject.labels) > 4 else "")
+    names = {result.scenario.name for result in subject.results}
+    is_named = len(names) > 1 or subject.labels[0].startswith(min(names))
+    return labels if is_named else f"{min(names)}: {labels}"
+
+
+def page(heading: str, sections: Sequence[tuple[ReportSection, str]], *, source: str = "") -> str:
     """HTML of a page of sections with a heading, its figures numbered; it needs no network and prints well.
 
     Args:
         heading: Plain text.
         sections: Each with its HTML.
+        source: Name of the folder or file that the page reports, plain text; empty for none.
     """
     links = "".join(f'<a href="#{s.name}">{escape(s.title)}</a>' for s, _ in sections)
     text = "".join(
@@ -88,7 +98,9 @@ def page(heading: str, sections: Sequence[tuple[ReportSection, str]]) -> str:
         (web / "report.html").read_text(encoding="utf-8"),
         {
             "policy": policy(),
-            "title": escape(heading),
+            "title": escape(f"{heading} ({source})" if source else heading),
+            "heading": escape(heading),
+            "source": f" of {escape(source)}" if source else "",
             "style": (web / "report.css").read_text(encoding="utf-8"),
             "links": links,
             "sections": text,

@@ -23,12 +23,13 @@ MOST_INSTANTS = 12
 """Instants, at most, about each of which a page of margins begins with a sentence."""
 
 
-def tables_report(result: Tabular, title: str) -> str:
+def tables_report(result: Tabular, title: str, source: str = "") -> str:
     """HTML of a page with the tables of a result, its warnings and its figures.
 
     Args:
         result: Margins, a batch, a failure probability, a gradient, ...
         title: Heading, plain text.
+        source: Name of the folder or file of the result, plain text; empty for none.
     """
     # a sentence for each instant, but not for the many along a simulation, which a figure shows
     verdicts = list[str]()
@@ -46,7 +47,7 @@ def tables_report(result: Tabular, title: str) -> str:
         for name, (heading, text) in texts.items()
         if text
     ]
-    return page(title, sections)
+    return page(title, sections, source=source)
 
 
 def _drawings(result: Tabular) -> Iterator[tuple[str, str, bytes]]:

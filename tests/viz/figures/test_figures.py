@@ -80,7 +80,7 @@ def test_every_axis_has_a_unit_and_every_figure_draws(name, request):
 
 def test_tip_errors_are_the_results_in_millimetres(paper):
     figure = tip_errors(paper)
-    drawn = _lines(figure, "rpr2/tip, y")["simulated: amnesia"]
+    drawn = _lines(figure, "rpr2/tip, y")["simulated: paper"]
     np.testing.assert_allclose(drawn[:, 0], paper.data.time)
     np.testing.assert_allclose(drawn[:, 1], paper.data.tip_error.sel(tip="rpr2/tip", axis="y") * 1e3)
     assert {axes.get_ylim() for axes in figure.axes} == {figure.axes[0].get_ylim()}

@@ -96,6 +96,16 @@ def test_texts_from_files_are_escaped(paper, undrawn):
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
 
 
+def test_it_is_headed_by_the_scenario_and_names_the_folder(paper, blind, undrawn):
+    def heading(*results):
+        page = report_page(*results, sections=SECTIONS[:1])
+        return re.findall(r"<title>(.*)</title>|<header><p>(.*)</p><h1>(.*)</h1>", page)
+
+    assert heading(paper) == [("paper (amnesia)", "", ""), ("", "spacerobot report of amnesia", "paper")]
+    several = "paper: pid · amnesia"
+    assert heading(blind, paper) == [(several, "", ""), ("", "spacerobot report", several)]
+
+
 def test_a_diverged_result_says_so_first(diverged):
     text = report_page(diverged, sections=SECTIONS[:2])
     assert "diverged after 0.42 s of 10 s" in text

@@ -7,8 +7,10 @@ import xarray as xr
 import spacerobot as sr
 from optim.evaluation import BatchResult
 from spacerobot.common.errors import ResultError
+from spacerobot.common.tables import Table
 from spacerobot.linear.loop_margins import FILE, UNITS
 from spacerobot.result.events import event_table
+from viz.report.report import ReportSection, page
 
 PATH = "target.links.body.mass"
 
@@ -34,14 +36,14 @@ def write_margins(folder):
 def test_margins_have_a_page_that_explains_a_delay_margin_of_zero(tmp_path):
     write_margins(tmp_path)
     sr.report(tmp_path, tmp_path / "page.html")
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "2.5 s: stable. The least disk margin is 0.250, of torque/arm/a&lt;1&gt;" in page
-    assert page.index("In short") < page.index("2.5 s: continuous, 8 states")
-    assert "torque/arm/a&lt;1&gt;" in page
-    assert page.count("0*") == 2  # in one row, and in the note
-    assert "any additional delay makes it unstable" in page
-    assert page.count("<figure") == 1
-    assert "each broken at its point, 2.5 s" in page
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "2.5 s: stable. The least disk margin is 0.250, of torque/arm/a&lt;1&gt;" in text
+    assert text.index("In short") < text.index("2.5 s: continuous, 8 states")
+    assert "torque/arm/a&lt;1&gt;" in text
+    assert text.count("0*") == 2  # in one row, and in the note
+    assert "any additional delay makes it unstable" in text
+    assert text.count("<figure") == 1
+    assert "each broken at its point, 2.5 s" in text
     assert [row[3] for row in sr.load(tmp_path).content()[0].rows] == ["0*", "0.5"]
     with pytest.raises(ResultError, match="name it alone"):
         sr.report([tmp_path, tmp_path], tmp_path / "page.html")
@@ -57,13 +59,14 @@ def test_a_batch_has_a_page_with_each_quantity_over_what_varies(tmp_path):
             "diverged_at": ((PATH,), [np.nan, np.nan]),
         },
         coords={PATH: [10.0, 20.0], "tip_error_rms_of": ["arm/tip"]},
+        attrs={"scenario": "paper"},
     )
     BatchResult(data).save(tmp_path / "many.nc")
     sr.report(tmp_path / "many.nc", tmp_path / "page.html")
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "<title>Batch: many" in page
-    assert "0.001 .. 0.0015 .. 0.002" in page
-    assert page.count("<figure") == 1
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<title>Batch of paper (many.nc)<" in text
+    assert "0.001 .. 0.0015 .. 0.002" in text
+    assert text.count("<figure") == 1
 
 
 def test_a_column_of_events_that_is_empty_is_left_out():
@@ -71,3 +74,33 @@ def test_a_column_of_events_that_is_empty_is_left_out():
     table = event_table([captured, {"time_s": 2.0, "kind": "phase", "who": "stop"}])
     assert table.headings == ["time [s]", "event", "relative speed [mm/s]"]
     assert table.rows == [["1.000000", "left captured", "1"], ["2.000000", "stop begins", ""]]
+
+
+def test_a_narrow_page_breaks_names_between_their_parts(browser, tmp_path):
+    """Each part of a dotted path is on one line; a number and a unit are not broken."""
+    names = [
+        "robots.chaser.controllers.x.gains",
+        "d tip_error_rms / d robots.servicer.tips.right_tip.pid.kp",
+        "measurement/servicer/right_tip.tip_position[0]",
+    ]
+    rows = [(name, f"-0.{k}e-08 deg/s, robots.chaser.controllers.x.gains") for k, name in enumerate(names)]
+    section = ReportSection("numbers", "Numbers", lambda _: None)
+    (tmp_path / "page.html").write_text(page("", [(section, Table.of_pairs(None, rows).html())]))
+    browser.open((tmp_path / "page.html").as_uri(), 390, 844)
+    browser.wait_for("document.readyState === 'complete'")
+    parts = browser.evaluate(
+        """(() => {
+          const walk = document.createTreeWalker(document.querySelector("tbody"), NodeFilter.SHOW_TEXT)
+          const range = document.createRange(), parts = []
+          while (walk.nextNode())
+            for (const word of walk.currentNode.data.matchAll(/\\S+/g)) {
+              range.setStart(walk.currentNode, word.index)
+              range.setEnd(walk.currentNode, word.index + word[0].length)
+              parts.push([word[0], range.getClientRects().length])
+            }
+          return parts
+        })()"""
+    )
+    texts = [text for text, _ in parts]
+    assert {"robots.", "controllers.", "right_", "measurement/", "-0.0e-08", "deg/s,"} <= set(texts)
+    assert [text for text, lines in parts if lines > 1] == []
