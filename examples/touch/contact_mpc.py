@@ -17,6 +17,7 @@ cage. The candidates are drawn (random shooting); nothing is differentiated. The
 friction is assumed.
 """
 
+import math
 from collections.abc import Collection
 from typing import Literal
 
@@ -149,6 +150,8 @@ class ContactScheme:
         self.scene, self.robot, self.key = scene, robot, key
         self.config = scene.scenario.robots[robot].controllers[key]
         self.duration_s, self.period_s = scene.scenario.simulation.duration, self.config.period
+        choices = math.ceil(self.duration_s / self.period_s)
+        self.prediction_s = choices * self.config.candidates * self.config.horizon
         self.intervals = {"the period of contact_mpc": self.config.period}
         self.summary = self.config.words()
 

@@ -44,6 +44,8 @@ class UpdatedRollout:
         self.loop, self.measures = extended, measures
         inputs = {one.name: final(measures.signals[one.name]) for one in input_variables(loop.variables)}
         pieces = dataclasses.replace(measures, named={**measures.named, **inputs})
+        if options.get("rollouts") is not None:
+            options["rollouts"] *= 1 + updated.prediction_s / updated.duration_s
         self.rollout = build_rollout(
             resumed(extended), measures=resumed_measures(extended, pieces), **options
         )

@@ -50,6 +50,7 @@ class PythonScheme:
         self.scene, self.controllers = scene, controllers
         self.duration_s = scene.scenario.simulation.duration
         self.period_s = min(one.config.period for one in controllers)
+        self.prediction_s = 0.0
         self.intervals = {f"the period of {one.path}": one.config.period for one in controllers}
 
     @classmethod

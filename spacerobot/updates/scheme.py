@@ -53,6 +53,7 @@ class UpdateScheme(Protocol):
     Attributes:
         scene: Scene whose closed loop has states or parameters for the held values.
         duration_s, period_s: Duration of the simulation, and time between two updates [s].
+        prediction_s: Total duration of the rollouts by which the updates of one simulation predict [s].
         intervals: Times [s] that must be multiples of the time between samples, by their names in messages.
         measures: Units of the statistics of each simulation, by name.
     """
@@ -60,6 +61,7 @@ class UpdateScheme(Protocol):
     scene: Scene
     duration_s: float
     period_s: float
+    prediction_s: float
     intervals: Mapping[str, float]
     measures: ClassVar[Mapping[str, str]]
 
@@ -145,9 +147,14 @@ class UpdatedScene:
         return min(scheme.period_s for scheme in self.schemes)
 
     @property
+    def prediction_s(self) -> float:
+        """Total duration of the rollouts by which the updates of one simulation predict [s]."""
+        return sum(scheme.prediction_s for scheme in self.schemes)
+
+    @property
     def pieces(self) -> int:
-        """Estimated number of rollouts of one simulation, each of one period."""
-        return 2 * math.ceil(self.duration_s / self.period_s)
+        """Estimated number of rollouts of one simulation, each of one period; predictions are included."""
+        return math.ceil((2 * self.duration_s + self.prediction_s) / self.period_s)
 
     @property
     def measures(self) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
@@ -61,3 +62,20 @@ def test_the_choice_costs_less_than_staying_and_contacts_below_an_earlier_peak_c
     assert FORCE_WEIGHT * careful_n + careful < FORCE_WEIGHT * stay_n + stay - 1e-3
     assert bold < careful - 1e-3
     assert careful_n < bold_n < STRONG_N / 2
+
+
+def test_predictions_count_as_rollouts_in_the_choice_of_the_backend(monkeypatch):
+    sr.load_plugin(PLUGIN)
+    requests = []
+
+    def build(*_, rollouts, **options):
+        requests.append(rollouts * options["duration_s"])
+        raise InterruptedError
+
+    monkeypatch.setattr("spacerobot.simulation.run.build_rollout", build)
+    for candidates in (24, 3):
+        changes = CHANGES | {"robots.chaser.controllers.contacts.candidates": candidates}
+        with pytest.raises(InterruptedError):
+            sr.simulate(sr.load_scene("touch", changes))
+    choices = 8  # in 1.5 s, one every 0.2 s
+    assert requests == pytest.approx([2 * HORIZON_S + choices * n * HORIZON_S for n in (24, 3)], abs=PERIOD_S)

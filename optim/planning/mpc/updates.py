@@ -6,6 +6,7 @@ own model predicts at t_k + d, and is tracked from then on.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, ClassVar, Self
 
@@ -129,6 +130,8 @@ class MpcScheme:
         self.original, self.flown = original, flown
         self.scene, self.duration_s = flown.scene, flown.duration_s
         self.period_s = flown.settings.period
+        # each plan begins at the state that is predicted for the end of the delay
+        self.prediction_s = math.ceil(self.duration_s / self.period_s) * flown.settings.delay
         self.intervals = {
             "the period of kind mpc": flown.settings.period,
             "the delay of kind mpc": flown.settings.delay,
