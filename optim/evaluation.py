@@ -26,7 +26,8 @@ from spacerobot.common.datasets import read_dataset, write_dataset
 from spacerobot.common.errors import ResultError, ScenarioError
 from spacerobot.common.files import StrPath
 from spacerobot.common.section import numbers
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.quantities import Quantity, find_quantity
 from spacerobot.rollout import Measure, Measures, build_rollout
 from spacerobot.rollout.build import Backend, Options

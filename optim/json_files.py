@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from spacerobot.common.files import StrPath, readable, write_text
-from spacerobot.common.tables import Tabular
+from spacerobot.common.tabular import Tabular
 from spacerobot.result import check_folder
 from spacerobot.result.store import SCENARIO
 from spacerobot.scenario.load import to_yaml

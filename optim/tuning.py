@@ -32,7 +32,8 @@ from optim.search.session import SearchSession
 from spacerobot.common.errors import ScenarioError
 from spacerobot.common.files import StrPath, readable
 from spacerobot.common.registry import TUNING_METHODS
-from spacerobot.common.tables import Content, Table, Tabular
+from spacerobot.common.tables import Content, Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.scene import Scene, build_scene, load_scene
 
 FILE, SCENARIO = "tuning.json", "scenario.yaml"

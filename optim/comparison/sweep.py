@@ -25,7 +25,8 @@ from optim.search.search import Progress, Search, SearchRun
 from optim.search.session import SearchSession
 from spacerobot.common.arrays import Array
 from spacerobot.common.files import StrPath, readable
-from spacerobot.common.tables import Content, Table, Tabular
+from spacerobot.common.tables import Content, Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.scene import Scene, to_scene
 
 BUDGET = 1000

@@ -41,7 +41,8 @@ from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.common.files import StrPath, readable
 from spacerobot.common.registry import TUNING_METHODS
-from spacerobot.common.tables import Content, Table, Tabular
+from spacerobot.common.tables import Content, Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.result.store import SCENARIO
 from spacerobot.scene import Scene, build_scene, load_scene, to_scene
 

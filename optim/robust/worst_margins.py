@@ -21,7 +21,8 @@ from optim.problem.variables import variables_of
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
 from spacerobot.scene import Scene, build_scene, to_scene
 from spacerobot.simulation import Backend, Progress

@@ -14,7 +14,7 @@ from spacerobot.api.results import PlanResult
 from spacerobot.api.study import Playback, Study
 from spacerobot.common.errors import ResultError
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Tabular
+from spacerobot.common.tabular import Tabular
 from spacerobot.result import Result
 from spacerobot.simulation import Progress
 

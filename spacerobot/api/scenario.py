@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Content, Table, Tabular, Tree
+from spacerobot.common.tables import Content, Table, Tree
+from spacerobot.common.tabular import Tabular
 
 if TYPE_CHECKING:
     import pinocchio as pin

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from spacerobot.common.errors import ResultError
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Tabular
+from spacerobot.common.tabular import Tabular
 from spacerobot.result import Result, check_folder
 from spacerobot.simulation import Progress
 

@@ -19,10 +19,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from spacerobot.cli.command import GROUPS
-from spacerobot.cli.output import LEAST_WIDTH, print_error, warn
+from spacerobot.cli.output import print_error, warn
 from spacerobot.common.errors import SpaceRobotError, SpaceRobotWarning
 from spacerobot.common.interrupts import INTERRUPTED, minded, reason
 from spacerobot.common.registry import COMMANDS
+from spacerobot.common.text_tables import LEAST_WIDTH
 
 EXAMPLE_INDENT = 4
 

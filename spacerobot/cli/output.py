@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import sys
-import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 
-from rich.box import SIMPLE_HEAD
-from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console
 from rich.markup import escape
-from rich.table import Table as RichTable
 from rich.text import Text
-from rich.tree import Tree as RichTree
 
 from spacerobot.common.progress import hearing
-from spacerobot.common.tables import Content, Tabular, Tree
-
-PLAIN_WIDTH = 140
-LEAST_WIDTH = 20
-"""Minimum width of texts, in columns, even if the terminal reports less."""
+from spacerobot.common.tables import Content
+from spacerobot.common.tabular import Tabular
+from spacerobot.common.text_tables import print_content, width_of_output
 
 
 class _Console(Console):
@@ -34,9 +24,7 @@ class _Console(Console):
 
 def console() -> Console:
     """Console for results with the width of ``COLUMNS``, of the terminal, or else :data:`PLAIN_WIDTH`."""
-    columns = os.environ.get("COLUMNS", "")
-    width = max(int(columns), LEAST_WIDTH) if columns.isdecimal() and int(columns) else None
-    return _Console(highlight=False, width=width or (None if sys.stdout.isatty() else PLAIN_WIDTH))
+    return _Console(highlight=False, width=width_of_output())
 
 
 def print_error(message: str) -> None:
@@ -80,151 +68,10 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
         yield say
 
 
-def prose(text: str, indent: int = 0) -> None:
-    """Print a text without markup, wrapped between words, with a hanging indent of two columns."""
-    lines = textwrap.wrap(
-        text, console().width - indent, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-    )
-    console().print(textwrap.indent("\n".join(lines), " " * indent), markup=False, soft_wrap=True)
-
-
-LEAST_PROSE = (16, 12, 9)
-"""Minimum widths of long texts in a narrow table. The first one is used with which all columns fit, or else
-the first of all."""
-GAP = 3
-"""Width of padding and separator for each column of a table."""
-
-
 def show(content: Tabular | Iterable[Content]) -> None:
     """Print tables and sentences, after the warnings of a result."""
     if isinstance(content, Tabular):
         for text in content.notices():
             warn(text)
         content = content.content()
-    for part in content:
-        if isinstance(part, str):
-            prose(part)
-        elif isinstance(part, Tree):
-            console().print(tree(part))
-        elif part.has_headings:
-            console().print(table(part.title, part.headings, part.rows, keys=part.keys))
-        elif any(len(row) > 1 for row in part.rows):
-            console().print(pairs(part.title, part.rows))
-        else:
-            console().print(f"\n{escape(part.title or '')}", style="bold")
-            for (text,) in part.rows:
-                prose(text, indent=2)
-
-
-def tree(content: Tree) -> RichTree:
-    """Rich tree with bold names."""
-    rich_tree = RichTree(f"[bold]{escape(content.name)}[/] {escape(content.text)}".strip())
-    for branch in content.branches:
-        rich_tree.add(escape(branch) if isinstance(branch, str) else tree(branch))
-    return rich_tree
-
-
-def table(
-    title: str | None, headings: Sequence[str], rows: Sequence[Sequence[str]], *, keys: int = 1
-) -> TextTable:
-    """Table of texts without markup; the first ``keys`` columns are repeated in every block."""
-    return TextTable(title, headings, rows, keys)
-
-
-@dataclass(frozen=True)
-class TextTable:
-    """Table of texts without markup, which shows every column at any width.
-
-    Texts wrap between words. If the columns still do not fit, the table is printed in several blocks, each of
-    which begins with the first columns.
-
-    Attributes:
-        title: Title above the table, or None.
-        headings: Heading of each column.
-        rows: Cells of each row.
-        keys: Number of the first columns that identify a row and begin every block.
-    """
-
-    title: str | None
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    keys: int = 1
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the blocks of the table as Rich tables."""
-        columns = list(zip(self.headings, *self.rows, strict=True))
-        layouts = []
-        for prose in LEAST_PROSE:
-            bounds = [_bounds(column, prose) for column in columns]
-            # indices of the columns in each block, by their minimum widths
-            blocks = [list(range(self.keys))]
-            for place in range(self.keys, len(bounds)):
-                least = sum(bounds[other][0] + GAP for other in (*blocks[-1], place))
-                if least > options.max_width - 1 and len(blocks[-1]) > self.keys:
-                    blocks.append(list(range(self.keys)))
-                blocks[-1].append(place)
-            layouts.append((bounds, blocks))
-        bounds, blocks = next((layout for layout in layouts if len(layout[1]) == 1), layouts[0])
-        for k, places in enumerate(blocks):
-            room = options.max_width - 1 - GAP * len(places)
-            block = [columns[place] for place in places]
-            rich_table = RichTable(
-                title=escape(self.title) if self.title and k == 0 else None,
-                title_justify="left",
-                header_style="bold",
-                box=SIMPLE_HEAD,
-            )
-            for column, width in zip(block, _shared([bounds[place] for place in places], room), strict=True):
-                rich_table.add_column(escape(column[0]), overflow="fold", width=width)
-            for cells in zip(*(column[1:] for column in block), strict=True):
-                rich_table.add_row(*map(escape, cells))
-            yield rich_table
-
-
-def pairs(title: str | None, rows: Sequence[Sequence[str]]) -> RichTable:
-    """Rich table of two columns without headings: names and values."""
-    rich_table = RichTable(
-        title=escape(title) if title else None,
-        title_justify="left",
-        show_header=False,
-        box=None,
-        pad_edge=False,
-    )
-    columns = [("", *(row[k] for row in rows)) for k in (0, 1)]
-    names, values = _shared([_bounds(column) for column in columns], console().width - 1)
-    rich_table.add_column(style="bold", overflow="fold", width=names)
-    rich_table.add_column(overflow="fold", width=values)
-    for name, value in rows:
-        rich_table.add_row(escape(name), escape(value))
-    return rich_table
-
-
-def _bounds(column: Sequence[str], prose: int = LEAST_PROSE[0]) -> tuple[int, int, int]:
-    """Widths of a column: the minimum, that of the longest line in cells, and that of the longest line of
-    all.
-
-    The minimum breaks no word, and leaves long texts in cells a width of ``prose`` to wrap in.
-    """
-    word = max(cell_len(word) for text in column for word in (text.split() or [""]))
-    lines = [max(map(cell_len, text.splitlines() or [""])) for text in column]
-    cells = max(lines[1:], default=0)
-    return max(word, min(cells, prose), 1), cells, max(lines)
-
-
-def _shared(bounds: Sequence[tuple[int, int, int]], room: int) -> list[int]:
-    """Widths of columns in a limited room.
-
-    From their minimum widths, columns grow up to a common limit: first to the width of their cells, then to
-        that
-    of their headings, as long as the sum fits. If the minimum widths do not fit, the widest columns shrink.
-    """
-    widths = [least for least, _, _ in bounds]
-    for kind in (1, 2):
-        for limit in range(1, max(bound[kind] for bound in bounds) + 1):
-            wider = [max(width, min(limit, b[kind])) for width, b in zip(widths, bounds, strict=True)]
-            if sum(wider) > room:
-                break
-            widths = wider
-    while sum(widths) > max(room, len(widths)):
-        widths[widths.index(max(widths))] -= 1
-    return widths
+    print_content(content, console())

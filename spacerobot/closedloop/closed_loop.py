@@ -11,7 +11,8 @@ import casadi as ca
 from spacerobot.closedloop.events import LoopEvent
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import ScenarioError, near_names
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.symbolic import NoiseTable, WindowTable
 
 

@@ -1,4 +1,4 @@
-"""Tables and sentences that present results in the terminal, on pages and in notebooks."""
+"""Tables, trees and sentences that present results in the terminal, on pages and in notebooks."""
 
 from __future__ import annotations
 
@@ -86,22 +86,6 @@ class Tree:
 
 Content = Table | Tree | str
 """Table, tree, or sentence as plain text."""
-
-
-class Tabular:
-    """Base class of results that have tables, which the command line prints and notebooks show as HTML."""
-
-    def content(self) -> Sequence[Content]:
-        """Tables and sentences, the most important first."""
-        raise NotImplementedError
-
-    def notices(self) -> Sequence[str]:
-        """Warnings about the result."""
-        return ()
-
-    def _repr_html_(self) -> str:
-        """HTML of the content, for notebooks."""
-        return content_html([*self.content(), *(f"warning: {text}" for text in self.notices())])
 
 
 def content_html(content: Iterable[Content]) -> str:

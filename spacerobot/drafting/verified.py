@@ -23,7 +23,8 @@ from spacerobot.closedloop.stiffness import find_poles
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DivergedError, ScenarioError
 from spacerobot.common.files import StrPath, write_text
-from spacerobot.common.tables import Content, Tabular
+from spacerobot.common.tables import Content
+from spacerobot.common.tabular import Tabular
 from spacerobot.drafting.capture import CaptureGeometry, surface_point
 from spacerobot.drafting.held import DraftRequest, draft_scenario
 from spacerobot.linear.instants import Instant, instants

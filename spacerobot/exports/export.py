@@ -15,7 +15,8 @@ from spacerobot.common.errors import ResultError, SpaceRobotError, near_names
 from spacerobot.common.files import StrPath, staged
 from spacerobot.common.registry import EXPORT_FORMATS
 from spacerobot.common.section import Section
-from spacerobot.common.tables import Content, Table, Tabular
+from spacerobot.common.tables import Content, Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.exports.export_format import ExportFormat
 from spacerobot.result import Result, note_derived
 from spacerobot.scenario.validation_errors import explain

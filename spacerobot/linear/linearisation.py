@@ -34,7 +34,8 @@ from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_lo
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Content, Table, Tabular
+from spacerobot.common.tables import Content, Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.linear.complex_step import evaluate
 from spacerobot.linear.instants import Instant, check_instants, instants
 from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition

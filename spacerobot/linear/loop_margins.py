@@ -25,7 +25,8 @@ from spacerobot.common.arrays import Array
 from spacerobot.common.datasets import read_dataset, write_dataset
 from spacerobot.common.errors import ResultError, SpaceRobotError
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Content, Table, Tabular
+from spacerobot.common.tables import Content, Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.linear.instants import events_of, instants, samples
 from spacerobot.linear.linearisation import Lineariser, LinearSystem
 from spacerobot.linear.loop_response import loop_responses, response_slopes, responses

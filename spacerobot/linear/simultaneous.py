@@ -26,7 +26,8 @@ from scipy.optimize import minimize
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.linear.linearisation import LinearSystem, linearise
 from spacerobot.linear.loop_response import AT_ONCE, frequency_grid
 from spacerobot.scene import Scene

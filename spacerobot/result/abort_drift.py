@@ -33,7 +33,8 @@ import pinocchio as pin
 
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import ScenarioError, SpaceRobotError
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.result import Result
 from spacerobot.scene import Scene, SceneBody
 from spacerobot.scene.overlaps import Solid, solids

@@ -12,7 +12,8 @@ import xarray as xr
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DivergedError
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.result.store import read_result, write_result
 from spacerobot.result.summary_types import Summary
 from spacerobot.result.table import Row, cause_words, headline, result_tables, status_text

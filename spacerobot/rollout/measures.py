@@ -22,7 +22,8 @@ from typing import Literal
 import casadi as ca
 
 from spacerobot.common.errors import SpaceRobotError, near_names
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.rollout.closed_loop_protocol import ClosedLoopFunctions
 
 Kind = Literal["integral", "peak", "final"]

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from spacerobot.common.errors import SpaceRobotError, near_names
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.rollout.assemble import batch_of, gradient_of, split, statuses, trajectory_of
 from spacerobot.rollout.batch import Control, Controls, Samples, run_batch, run_gradients, run_one
 from spacerobot.rollout.closed_loop_protocol import Array, ClosedLoopFunctions

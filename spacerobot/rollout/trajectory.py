@@ -9,7 +9,8 @@ from typing import Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.rollout.closed_loop_protocol import Array
 
 Status = Literal["completed", "diverged", "unclosed", "chattering"]

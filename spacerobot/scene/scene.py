@@ -13,7 +13,8 @@ import numpy as np
 
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import ScenarioError, near_names
-from spacerobot.common.tables import Table, Tabular
+from spacerobot.common.tables import Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.description.read import Description
 from spacerobot.elements import CollisionShape, Contact, Grasp, Reference
 from spacerobot.elements.flexible.flexible_link import Number

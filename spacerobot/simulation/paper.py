@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from spacerobot.common.files import StrPath
-from spacerobot.common.tables import Content, Table, Tabular
+from spacerobot.common.tables import Content, Table
+from spacerobot.common.tabular import Tabular
 from spacerobot.result import Result, check_folder
 from spacerobot.scene import Scene, load_scene
 from spacerobot.simulation.run import simulate

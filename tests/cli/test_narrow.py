@@ -27,7 +27,9 @@ from optim.planning.output.study_folder import study_tables
 from optim.robust.problem import RobustTuningResult, Statistic
 from spacerobot.cli import app, output
 from spacerobot.cli.commands import compare
-from spacerobot.common.tables import Table
+from spacerobot.common import text_tables
+from spacerobot.common.tables import Table, Tree
+from spacerobot.common.tabular import Tabular
 from spacerobot.result.events import HEADINGS, event_rows
 from spacerobot.simulation.paper import VARIANTS, PaperComparison
 
@@ -38,18 +40,18 @@ WIDTHS = (80, 100)
 @pytest.fixture
 def tables(monkeypatch):
     """Every table and every list of pairs that was made, as headings and rows."""
-    made, table, pairs = [], output.table, output.pairs
+    made, table, pairs = [], text_tables.TextTable, text_tables.pairs
 
-    def recorded(title, headings, rows, **how):
+    def recorded(title, headings, rows, keys):
         made.append((headings, rows))
-        return table(title, headings, rows, **how)
+        return table(title, headings, rows, keys)
 
-    def noted(title, rows):
+    def noted(title, rows, width):
         made.append(((), rows))
-        return pairs(title, rows)
+        return pairs(title, rows, width)
 
-    monkeypatch.setattr(output, "table", recorded)
-    monkeypatch.setattr(output, "pairs", noted)
+    monkeypatch.setattr(text_tables, "TextTable", recorded)
+    monkeypatch.setattr(text_tables, "pairs", noted)
     return made
 
 
@@ -62,7 +64,7 @@ def printed(monkeypatch, width, act):
 
 def test_prose_breaks_between_words_and_indents(monkeypatch):
     text = "robots.rpr2.base: placed at (1.8042, 0.0000, 0.0000) m so that grasp 'right' closes [m]"
-    lines = printed(monkeypatch, 40, lambda _: output.prose(text, indent=2))
+    lines = printed(monkeypatch, 40, lambda console: text_tables.prose(text, console, indent=2))
     assert all(len(line) <= 40 for line in lines)
     assert " ".join(line.strip() for line in lines) == text
     assert [line[: len(line) - len(line.lstrip())] for line in lines] == ["  ", "    ", "    "]
@@ -70,7 +72,7 @@ def test_prose_breaks_between_words_and_indents(monkeypatch):
 
 def test_cells_that_break_lines_themselves_keep_them(monkeypatch):
     rows = [["largest tip error, rpr1/tip x [mm]", "1.65\n(1.56..1.71)", "2.02\n(1.91..)"]]
-    made = output.table(None, ("", "50 %", "95 %"), rows)
+    made = text_tables.TextTable(None, ("", "50 %", "95 %"), rows)
     lines = printed(monkeypatch, 44, lambda console: console.print(made))
     assert any("(1.56..1.71)" in line and "(1.91..)" in line for line in lines)
 
@@ -93,13 +95,13 @@ def test_every_word_of_every_table_is_shown(grid):
     headings, *rows = grid
     for width in WIDTHS:
         console = Console(width=width, record=True, highlight=False, file=io.StringIO())
-        console.print(output.table(None, headings, rows))
+        console.print(text_tables.TextTable(None, headings, rows))
         check_shown(console.export_text().splitlines(), width, headings, rows)
 
 
 def test_a_table_that_is_cut_repeats_what_names_its_rows(monkeypatch):
     rows = [["problem-a", "1 %", *["123456789"] * 9], ["problem-b", "5 %", *["987654321"] * 9]]
-    made = output.table(None, ["problem", "to", *(f"method-{k}" for k in range(9))], rows, keys=2)
+    made = text_tables.TextTable(None, ["problem", "to", *(f"method-{k}" for k in range(9))], rows, keys=2)
     lines = printed(monkeypatch, 80, lambda console: console.print(made))
     assert sum("problem-a   1 %" in line for line in lines) == 2
 
@@ -267,7 +269,26 @@ def test_a_pipe_is_as_wide_as_columns_says(monkeypatch, capsys, width):
 def test_a_pipe_of_no_stated_width_is_wide(monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
     shown_command("scenarios")()
-    assert max(map(len, capsys.readouterr().out.splitlines())) == output.PLAIN_WIDTH
+    assert max(map(len, capsys.readouterr().out.splitlines())) == text_tables.PLAIN_WIDTH
+
+
+def test_a_printed_result_is_what_the_command_prints(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    content = ["a sentence", Table.of_pairs("title", [("name", "value")]), Tree("root", "text", ["leaf"])]
+    content.append(Table(None, ("first", "second"), [("1", "[m]")]))
+
+    class Shown(Tabular):
+        def content(self):
+            return content
+
+        def notices(self):
+            return ("a notice",)
+
+    output.show(content)
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert str(Shown()).splitlines() == [*lines, "warning: a notice"]
+    assert "name  value" in lines
+    assert "  1       [m]" in lines
 
 
 GUIDES = str.maketrans("", "", "\u2502\u251c\u2514\u2500")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from optim.evaluation import BatchResult
-from spacerobot.common.tables import Tabular, content_html, escape
+from spacerobot.common.tables import content_html, escape
+from spacerobot.common.tabular import Tabular
 from spacerobot.linear import SavedMargins
 from viz.figures import to_bytes
 from viz.figures.style import Drawing, line, panels, styled
