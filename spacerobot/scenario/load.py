@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from pydantic import ValidationError
 from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.core.registry import kinds
 from spacerobot.quantities import planned
-from spacerobot.scenario.paths import Document, assign
+from spacerobot.scenario.paths import Document, assign, expand, get
 from spacerobot.scenario.scenario import Scenario
 from spacerobot.scenario.validation_errors import explain
 from spacerobot.scenario.yaml_text import Dumper
@@ -40,34 +41,78 @@ def to_document(scenario: Scenario) -> Document:
     return scenario.model_dump(mode="json")
 
 
-def apply_change(
-    document: Document, pattern: str, value: Any, source: Path | str | None
-) -> tuple[Document, bool]:
-    """Apply one change to a document.
-
-    If the changed document is valid, it includes the defaults of sections that the change creates. Some
-    changes are valid only together.
+def apply_changes(
+    document: Document, changes: Iterable[tuple[str, Any]], *, source: Path | str | None = None
+) -> Document:
+    """Apply changes in order and validate the result, since some changes are valid only together.
 
     Args:
-        document: Plain document.
-        pattern: Dotted path, may contain ``*``.
-        value: New value.
+        document: Plain document of a valid scenario.
+        changes: Dotted paths, which may contain ``*``, and new values.
         source: Source for error messages.
 
     Returns:
-        tuple: The changed document, and whether it is valid.
+        dict: The changed document, which includes the defaults of sections that changes create.
 
     Raises:
-        ScenarioError: If the pattern matches nothing.
+        ScenarioError: If a path matches nothing, or the changed document is invalid.
     """
-    try:
-        changed = assign(document, pattern, value)
-    except ScenarioError as fault:
-        raise ScenarioError(fault.message, source=source, where=f"--set {fault.where}") from None
-    try:
-        return to_document(validate(changed)), True
-    except ScenarioError:
-        return changed, False
+    changed = ChangedDocument(document, source)
+    for pattern, value in changes:
+        changed.apply(pattern, value)
+    return to_document(validate(changed.document, source=source))
+
+
+class ChangedDocument:
+    """Document to which changes are applied, without a validation after each of them.
+
+    A path may lead into a section that an earlier change created without its defaults. Only then the defaults
+    are filled in between two changes.
+
+    Args:
+        document: Plain document of a valid scenario.
+        source: Source for error messages.
+    """
+
+    def __init__(self, document: Document, source: Path | str | None = None) -> None:
+        self.document, self.source = document, source
+        self._has_new_sections = False
+
+    def apply(self, pattern: str, value: Any) -> None:
+        """Apply one change.
+
+        Args:
+            pattern: Dotted path, may contain ``*``.
+            value: New value.
+
+        Raises:
+            ScenarioError: If the path matches nothing.
+        """
+        if "*" in pattern and self._has_new_sections:  # their default keys match too
+            self._fill_defaults()
+        try:
+            changed = assign(self.document, pattern, value)
+        except ScenarioError:
+            self._fill_defaults()
+            try:
+                changed = assign(self.document, pattern, value)
+            except ScenarioError as fault:
+                raise ScenarioError(fault.message, source=self.source, where=f"--set {fault.where}") from None
+        self._has_new_sections |= not self._replaces_number(pattern, value)
+        self.document = changed
+
+    def _replaces_number(self, pattern: str, value: Any) -> bool:
+        """Whether a change replaces only numbers by a number, which creates no section."""
+        try:
+            replaced = [get(self.document, path) for path in expand(self.document, pattern)]
+        except ScenarioError:
+            return False
+        return all(isinstance(one, int | float) for one in (value, *replaced))
+
+    def _fill_defaults(self) -> None:
+        """Fill in the defaults of all sections, if the document is valid."""
+        with contextlib.suppress(ScenarioError):
+            self.document, self._has_new_sections = to_document(validate(self.document)), False
 
 
 def check_changes(
@@ -78,19 +123,18 @@ def check_changes(
     Raises:
         ScenarioError: If a change names no section, or the changed scenario is invalid.
     """
-    document, is_valid = to_document(scenario), True
+    changed = ChangedDocument(to_document(scenario), source)
     for pattern, value in changes:
         if ".links." in pattern:  # checked together with the URDF
             return
         try:
-            document, is_valid = apply_change(document, pattern, value, source)
+            changed.apply(pattern, value)
         except ScenarioError:
             section = pattern.partition(".")[0]
-            if section in document or "*" in section:  # the URDF may define the value
+            if section in changed.document or "*" in section:  # the URDF may define the value
                 return
             raise
-    if not is_valid:
-        validate(document, source=source)
+    validate(changed.document, source=source)
 
 
 def to_yaml(scenario: Scenario) -> str:

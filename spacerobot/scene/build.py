@@ -12,7 +12,7 @@ import pinocchio as pin
 from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.common.files import StrPath
 from spacerobot.scenario import Robot, Scenario
-from spacerobot.scenario.load import apply_change, to_document, validate
+from spacerobot.scenario.load import apply_changes, to_document, validate
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
     check_alignment,
@@ -137,28 +137,26 @@ def resolve(
         ScenarioError, DescriptionError: If a change names no value or the result is invalid.
     """
     pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
-    document, is_valid = to_document(scenario), True
-    for pattern, value in pairs:
-        if _names_files(pattern, value):
-            changed, is_valid = apply_change(document, pattern, value, source)
-            document = forget_files(changed, document)
-    if not is_valid:
-        validate(document, source=source)
+    document = to_document(scenario)
+    naming_files = [(pattern, value) for pattern, value in pairs if _names_files(pattern, value)]
+    if naming_files:
+        document = forget_files(apply_changes(document, naming_files, source=source), document)
     locate(document, source=source)
     read_files(document, source=source)
     expand_files(document, source=source, allowed=expand_xacro)
     descriptions = read_descriptions(document, source=source)
     document = fill(document, descriptions, source=source)
-    others = [(pattern, value) for pattern, value in pairs if not _names_files(pattern, value)]
-    for pattern, value in others:
-        document, is_valid = apply_change(document, pattern, value, source)
+    others = list[tuple[str, Any]]()
+    for pattern, value in pairs:
+        if _names_files(pattern, value):
+            continue
+        others.append((pattern, value))
         # the inertia of links that a change sets is not scaled by their mass
         link, separator, tail = pattern.rpartition(".inertia")
         if separator and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
-            document, is_valid = apply_change(document, f"{link}.inertia_at_mass", None, source)
+            others.append((f"{link}.inertia_at_mass", None))
     if others:
-        if not is_valid:
-            validate(document, source=source)
+        document = apply_changes(document, others, source=source)
         read_files(document, source=source)
         if any("placements" in pattern.split(".")[1:3] for pattern, _ in others):
             descriptions = read_descriptions(document, source=source)

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from spacerobot.common.errors import ScenarioError
 from spacerobot.common.section import leaves
+from spacerobot.scenario.load import apply_changes, to_document, validate
 from spacerobot.scenario.paths import assign, expand, get
+from spacerobot.scene import load_scene
 
 DOCUMENT = {
     "robots": {
@@ -143,3 +145,51 @@ def test_every_leaf_is_found_and_set_by_its_path(document):
         assert get(assign(document, path, "new"), path) == "new"
         others = [leaf for leaf in leaves(assign(document, path, "new")) if leaf[0] != path]
         assert others == [leaf for leaf in leaves(document) if leaf[0] != path]
+
+
+def one_by_one(document, changes):
+    """Document after changes with a validation after each of them; changes that are invalid alone stay."""
+    for pattern, value in changes:
+        document = assign(document, pattern, value)
+        with contextlib.suppress(ScenarioError):
+            document = to_document(validate(document))
+    return document
+
+
+TIP = "robots.rpr1.tips.tip"
+
+
+MASS = {"paths": "target.links.body.mass", "lower": 1, "upper": 2}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        # keys that a section created by an earlier change has by default, by path and by pattern
+        {"campaign": {"parameters": {"m": MASS}}, "campaign.limits.grip_force": 7, "campaign.samples": 9},
+        {f"{TIP}.pid": {"kp": 5}, f"{TIP}.pid.filt*": 0.02},
+        {f"{TIP}.reference": {"kind": "hold"}, f"{TIP}.reference.kind": "hold"},
+        # numbers by patterns, one after the other
+        {"robots.*.tips.*.pid.kp": 300, "robots.*.tips.*.pid.ki": 30, "gravity.*": 0.5},
+        # valid together only
+        {"simulation.output_step": 5.0, "simulation.duration": 10},
+    ],
+)
+def test_changes_validated_together_are_those_validated_one_by_one(changes):
+    document, pairs = to_document(load_scene("paper").scenario), list(changes.items())
+    assert apply_changes(document, pairs) == one_by_one(document, pairs)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (("simulation.duraton", 1), "simulation: unknown key 'duraton'"),
+        (("simulation.duration", "high"), "simulation.duration: found 'high'"),
+        ((f"{TIP}.pdi.kp", 1), f"--set {TIP}.pdi.kp: no 'pdi'"),
+    ],
+)
+def test_the_wrong_one_of_many_changes_is_named(wrong, message):
+    changes = [("simulation.duration", 2), wrong, ("robots.*.tips.*.pid.kp", 300), ("simulation.step", 0.01)]
+    with pytest.raises(ScenarioError) as refusal:
+        load_scene("paper", changes)
+    assert message in str(refusal.value)

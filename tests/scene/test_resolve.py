@@ -128,7 +128,7 @@ def test_a_change_adds_a_whole_robot():
         load_scene("docking", {"robots.third": {"base": {"joint": "planar"}}})
 
 
-def test_a_document_is_validated_once_and_once_for_each_change(monkeypatch):
+def test_a_document_is_validated_once_and_once_for_all_changes(monkeypatch):
     from spacerobot.scenario import load
     from spacerobot.scene import build
 
@@ -137,5 +137,6 @@ def test_a_document_is_validated_once_and_once_for_each_change(monkeypatch):
         monkeypatch.setattr(module, "validate", lambda *a, **k: calls.append(1) or validate(*a, **k))
     build_scene(scenario)
     assert len(calls) == 1
-    build_scene(scenario, {"simulation.duration": 3, "robots.*.tips.tip.pid": {"kp": 3}})
-    assert len(calls) == 1 + 3
+    numbers = {"simulation.duration": 3, "robots.*.tips.tip.pid.kp": 3, "robots.*.tips.tip.pid.ki": 3}
+    build_scene(scenario, numbers | {"robots.*.tips.tip.pid": {"kp": 3}})
+    assert len(calls) == 1 + 2
