@@ -139,7 +139,7 @@ class DesignStudyResult(Study):
     @property
     def design(self) -> dict[str, float]:
         """Optimal values of the variables, in the scenario's units."""
-        return {name: one["found"] for name, one in self.summary["variables"].items()}
+        return {name: one["optimum"] for name, one in self.summary["variables"].items()}
 
     def write(self, folder: Path) -> Self:
         """Write ``design.json`` and the plan of the optimal design.

@@ -152,10 +152,12 @@ CAMPAIGN = {
 NUMBER = {"unit": "N m s/rad", "lower": -1234.56, "upper": 1234.56, "start": 0.000123456}
 DESIGN = {
     "scenario": "mine",
-    "cost": {"start": 1234.56789, "found": 1000.123},
+    "cost": {"start": 1234.56789, "optimum": 1000.123},
     "trials": [{"iterations": 3}],
-    "ended": "converged",
-    "variables": {LONG: NUMBER | {"found": -0.000765432, "slope": 1.2345e-5, "where": "at its upper bound"}},
+    "status": "converged",
+    "variables": {
+        LONG: NUMBER | {"optimum": -0.000765432, "slope": 1.2345e-5, "where": "at its upper bound"}
+    },
     "sweeps": {LONG: [{"values": [1.23456], "failure": "no feasible plan was found: " * 4}]},
 }
 FRONT = {

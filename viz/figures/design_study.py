@@ -16,7 +16,7 @@ TANGENT = 0.35
 
 @styled
 def study(data: Mapping[str, Any]) -> Drawing:
-    """Optimal cost over each variable, the others as in the best design that was found.
+    """Optimal cost over each variable, the others at their optimum.
 
     Each design has a tangent; refused ones are dotted vertical lines.
 
@@ -32,7 +32,7 @@ def study(data: Mapping[str, Any]) -> Drawing:
         costs = [trial["cost"] for trial in good]
         panel.plot(places, costs, "o", markersize=3.5, color=COLOURS[0], label="optimal cost")
         panel.plot(
-            variable["found"], data["cost"]["found"], "*", markersize=9, color=COLOURS[1], label="found"
+            variable["optimum"], data["cost"]["optimum"], "*", markersize=9, color=COLOURS[1], label="optimum"
         )
         steps = [b["values"][k] - a["values"][k] for a, b in itertools.pairwise(sweep)]
         for place, cost, trial in zip(places, costs, good, strict=True):

@@ -21,7 +21,7 @@ DESIGN = "design.json"
 def to_data(study: DesignStudy) -> dict[str, Any]:
     """Data of a design study for JSON; null where no plan was found."""
     variables = study.variables
-    held = at_bound(variables.names, variables.unit(study.found.values))
+    held = at_bound(variables.names, variables.unit(study.optimum.values))
     variable_data = {
         name: {
             "paths": list(variables.paths[k]),
@@ -30,8 +30,8 @@ def to_data(study: DesignStudy) -> dict[str, Any]:
             "upper": variables.upper[k],
             "scale": "log" if variables.log[k] else "linear",
             "start": variables.start[k],
-            "found": study.found.values[k],
-            "slope": study.found.slopes[k],
+            "optimum": study.optimum.values[k],
+            "slope": study.optimum.slopes[k],
             "where": held.get(name, ""),
         }
         for k, name in enumerate(variables.names)
@@ -39,8 +39,8 @@ def to_data(study: DesignStudy) -> dict[str, Any]:
     data = {
         "scenario": study.scene.scenario.name,
         "variables": variable_data,
-        "cost": {"start": study.trials[0].cost, "found": study.found.cost},
-        "ended": study.ended,
+        "cost": {"start": study.trials[0].cost, "optimum": study.optimum.cost},
+        "status": study.status,
         "trials": [vars(trial) for trial in study.trials],
         "sweeps": {name: [vars(trial) for trial in sweep] for name, sweep in study.sweeps.items()},
         "plan": summary(study.plan),
@@ -56,16 +56,16 @@ def study_tables(data: Mapping[str, Any]) -> list[Table]:
     """
     cost, trials, variables = data["cost"], data["trials"], data["variables"]
     rows = [
-        ("optimal cost", f"{cost['start']:.6g} in the scenario, {cost['found']:.6g} at the optimum"),
+        ("optimal cost", f"{cost['start']:.6g} in the scenario, {cost['optimum']:.6g} at the optimum"),
         ("designs", f"{len(trials)}, {sum(trial['iterations'] for trial in trials)} iterations"),
-        ("status", data["ended"]),
+        ("status", data["status"]),
     ]
     heads = ("variable", "unit", "from", "to", "scenario", "optimum", "sensitivity", "")
     cells = [
         [
             name,
             one["unit"],
-            *(f"{one[key]:.6g}" for key in ("lower", "upper", "start", "found")),
+            *(f"{one[key]:.6g}" for key in ("lower", "upper", "start", "optimum")),
             f"{one['slope']:+.4g}",
             one["where"],
         ]

@@ -71,19 +71,19 @@ class DesignStudy:
         scene: The original scene.
         variables: Free variables of the study.
         trials: Designs of the search, in order; the first is the original design.
-        found: The best design.
+        optimum: The best design.
         sweeps: Designs that differ from the best one in a single variable, by its name, in order of its
             value.
-        ended: Reason why the search ended.
+        status: Reason why the search ended.
         plan: Plan of the best design, refined and verified.
     """
 
     scene: Scene
     variables: Variables
     trials: tuple[DesignTrial, ...]
-    found: DesignTrial
+    optimum: DesignTrial
     sweeps: Mapping[str, tuple[DesignTrial, ...]]
-    ended: str
+    status: str
     plan: PlanSolution
 
 
@@ -113,10 +113,10 @@ def make_study(
     first = build_scene(scene.scenario, variables.as_changes(variables.start), source=scene.source)
     first_plan = make_plan(first, backend=backend, progress=progress, folder=folder, dask=dask)
     designs = _DesignSearch(variables, first_plan, folder, progress or (lambda _: None))
-    ended = designs.descend()
+    status = designs.descend()
     best, trials = designs.best[0], tuple(designs.trials)
     sweeps = {name: designs.sweep(k, points) for k, name in enumerate(variables.names)}
-    return DesignStudy(scene, variables, trials, best, sweeps, ended, designs.finish())
+    return DesignStudy(scene, variables, trials, best, sweeps, status, designs.finish())
 
 
 def design_variables(scene: Scene) -> Variables:

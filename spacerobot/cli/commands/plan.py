@@ -80,8 +80,8 @@ def command(
     The plan is replayed by the simulator before it is kept: plan.nc, plan.json and followed.yaml, the
     scenario that follows it. Exit code 4 if no plan passes the verification. With --pareto two cost terms
     are traded against each other: front.json, its figure, and a plan for each point. With --design the
-    numbers that `plan.design` names are chosen too: design.json, its figure, and the plan of the design
-    that was found. Interrupted runs resume: repeat the same command.
+    numbers that `plan.design` names are chosen too: design.json, its figure, and the plan of the optimal
+    design. Interrupted runs resume: repeat the same command.
 
     Examples:
 
@@ -124,7 +124,7 @@ def command(
         result: sr.PlanResult | sr.ParetoFrontResult | sr.DesignStudyResult
         if design:
             result = sr.design_study(scene, out, points=points, **options)
-            files = "design.json, figures/design.png and the plan of the design that was found"
+            files = "design.json, figures/design.png and the plan of the optimal design"
         elif pareto is not None:
             terms = [part.strip() for part in pareto.split(",")]
             result = sr.pareto_front(scene, terms, out, points=points, **options)

@@ -51,8 +51,8 @@ def study(rail):
 
 
 def test_the_best_design_is_found(study):
-    assert study.found.values == pytest.approx([1.0, BEST], rel=1e-4)
-    assert study.found.cost == pytest.approx(least(1.0, BEST), rel=1e-8)
+    assert study.optimum.values == pytest.approx([1.0, BEST], rel=1e-4)
+    assert study.optimum.cost == pytest.approx(least(1.0, BEST), rel=1e-8)
     assert study.plan.motion.duration_s == pytest.approx(BEST, rel=1e-4)
     assert study.plan.scene.scenario.robots["one"].links["cart"].mass == pytest.approx(1.0)
 
