@@ -1,12 +1,11 @@
 // Vectors of doubles for generated straight-line code, and the fixed-step rollout written over them.
 //
-// LANES (a macro, 1 or a power of two) is the number of rollouts that one call carries. With one lane, `real` is
-// `double`. With more, it is a vector of doubles on which every operation acts lane by lane, so that the very same
-// source integrates LANES parameter sets at once. No operation looks across lanes: what a lane holds never depends
-// on its neighbours, nor on its place.
+// LANES (a macro, 1 or a power of two) is the number of rollouts that are integrated at once. With one lane, `real` is
+// `double`. With more, it is a vector of doubles, and every operation acts on each lane separately: the result of a lane
+// depends neither on the other lanes nor on its place.
 //
-// The standard headers of mathematics and memory would take longer to compile than the loops of a small scene, so what
-// is needed of them is declared here.
+// The functions of the standard headers that are used are declared here, since these headers take longer to compile than
+// the loops of a small scene.
 #define INFINITY __builtin_inf()
 #define NAN __builtin_nan("")
 extern "C" {
@@ -16,7 +15,7 @@ double sin(double), cos(double), tan(double), asin(double), acos(double), atan(d
     atan2(double, double), hypot(double, double), fmod(double, double), remainder(double, double),
     fmin(double, double), fmax(double, double), copysign(double, double);
 }
-#ifdef PIECES  // of functions alone
+#ifdef PIECES  // source with functions only, without the loops
 typedef __INT64_TYPE__ int64_t;
 #define INT64_MAX __INT64_MAX__
 #define INT64_MIN (-__INT64_MAX__ - 1)
@@ -24,7 +23,7 @@ typedef __INT64_TYPE__ int64_t;
 #include <cstdint>
 #include <cstring>
 #include <new>
-// So many things on the heap, until the end of the scope; null where there is no room.
+// Array of `number` elements on the heap, until the end of the scope; null without memory.
 template <class T>
 struct Room {
   T* at = nullptr;
@@ -32,9 +31,9 @@ struct Room {
   explicit Room(int64_t number) : at(new (std::nothrow) T[number]) {}
   Room(const Room&) = delete;
   ~Room() { delete[] at; }
-  void swap(Room& other) { T* const own = at; at = other.at, other.at = own; }
+  void swap(Room& other) { T* const before = at; at = other.at, other.at = before; }
 };
-#ifdef NO_RUNTIME  // nothing of the C++ runtime is linked: memory comes from C
+#ifdef NO_RUNTIME  // the C++ runtime is not linked: malloc provides the memory
 #include <cstdlib>
 const std::nothrow_t std::nothrow{};
 #define MEMORY(form) \
@@ -53,7 +52,7 @@ MEMORY([])
 
 #if defined(__OPTIMIZE__) && !defined(GENERIC)
 #define ALWAYS_INLINE __attribute__((always_inline))
-#else  // -O0 asks for code soon, and loops of every scene gain little: to inline would be most of the compiler's work
+#else  // inlining would take most of the compile time, for which -O0 asks to be short; loops of all scenes gain little by it
 #define ALWAYS_INLINE
 #endif
 #define INLINE static inline ALWAYS_INLINE
@@ -108,7 +107,7 @@ INLINE real sqrt(real a) { real r; for (int i = 0; i < LANES; ++i) r.v[i] = __bu
 INLINE real fmin(real a, real b) { return select((a < b) || (b != b), a, b); }
 INLINE real fmax(real a, real b) { return select((a > b) || (b != b), a, b); }
 
-// A function of the vector maths library, or the scalar one lane after lane where that library lacks it.
+// Function of the vector maths library, or the scalar function for each lane if that library has none.
 #ifdef __aarch64__
 #define VECTOR_CALL __attribute__((aarch64_vector_pcs))
 #else
@@ -131,7 +130,7 @@ INLINE real fmax(real a, real b) { return select((a > b) || (b != b), a, b); }
 
 #endif
 
-// What CasADi's generated code calls by names of its own.
+// Functions that CasADi's generated code calls by names of its own.
 INLINE real casadi_sq(real a) { return a * a; }
 INLINE real casadi_fabs(real a) { return fabs(a); }
 INLINE real casadi_fmin(real a, real b) { return fmin(a, b); }
@@ -157,13 +156,13 @@ static inline double erfinv(double y) {
   return x;
 }
 
-// Sine and cosine without a call or a branch, so that the compiler keeps registers and shares work between the two
+// Sine and cosine without a call or a branch, so that the compiler keeps values in registers and shares work between both
 // of one angle. The angle is reduced by multiples of pi/2 in three fused parts (exact below 2^45 rad; an angle
-// beyond has lost its phase to rounding and gives NaN), then come the minimax polynomials of FreeBSD's msun.
+// beyond has lost its phase to rounding and gives NaN), followed by the minimax polynomials of FreeBSD's msun.
 #if defined(__FMA__) || defined(__aarch64__)
 struct Turn { real sin, cos; };
 INLINE Turn turn(real x) {
-  const real shifted = x * 0.6366197723675814 + 6755399441055744.0;  // the quarter turns are its lowest bits
+  const real shifted = x * 0.6366197723675814 + 6755399441055744.0;  // its lowest bits are the number of quarter turns
   const bits quarters = to_bits(shifted);
   const real n = shifted - 6755399441055744.0;
   real r = x - n * 1.5707963267948966;

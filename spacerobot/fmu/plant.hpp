@@ -2,12 +2,12 @@
 // tables that `sources.py` writes; `fmi2.hpp` or `fmi3.hpp` follows in turn.
 //
 // The rollout `main` keeps to the grid of the scenario's steps, whatever the communication points are: it takes every
-// step that ends at a communication point or earlier. Where the point lies within a step, a copy of it, `ahead`, goes on
-// to the point for the outputs there. The trajectory therefore does not depend on the communication step.
-// Where an input or a parameter changes at a communication point, `ahead` becomes `main`: the step is cut there, as at a
-// jump, and what is left of the sample interval is divided into equal steps again.
+// step that ends at a communication point or earlier. If the point is within a step, a copy of it, `ahead`, continues to
+// the point for the outputs there. The trajectory therefore does not depend on the communication step.
+// If an input or a parameter changes at a communication point, `ahead` becomes `main`: the step ends there, as at a jump,
+// and the rest of the sample interval is divided into equal steps again.
 //
-// Everything that changes is in `Plant`, whose only pointers are to the constant noise: its bytes are its state.
+// All variables are members of `Plant`, whose only pointers are to the constant noise: its bytes are its state.
 #include <cstdio>
 #include <cstdlib>
 
@@ -15,7 +15,7 @@ enum Mode { INSTANTIATED, INITIALIZING, STEPPING, OVER, FAILED, TERMINATED };
 static const char* const MODES[] = {"instantiation", "initialization", "stepping", "the end", "an error", "termination"};
 enum { RECORDED = 128 };  // largest number of events with one step, which BURST bounds
 
-// A rollout, and how often each event fired.
+// A rollout, and the number of times that each event fired.
 struct Branch {
   Trajectory at;
   int32_t count[EVENTS + 1];
@@ -25,16 +25,16 @@ struct Plant {
   Mode mode;
   double start;             // the importer's time at which the rollout begins, s
   double time;              // time of the rollout at the communication point, s
-  bool prepared;            // truth where `main` began with the present parameters
-  bool is_ahead;            // truth where `ahead` is at the communication point, not `main`
+  bool prepared;            // whether `main` began with the present parameters
+  bool is_ahead;            // whether `ahead` is at the communication point, not `main`
   bool new_inputs, new_parameters, observed;
   double p[NP + 1];         // parameters, the inputs among them
-  double y[NY + 1];         // outputs, where they are observed
+  double y[NY + 1];         // outputs, valid if `observed`
   Branch main, ahead;
   Branch& present() { return is_ahead ? ahead : main; }
 };
 
-// A plant, and how it reports to its importer.
+// A plant, and the importer's logger.
 struct Instance {
   Plant plant;
   void* environment;
@@ -45,7 +45,7 @@ static void report(Instance& instance, const char* message);
 
 static const volatile int32_t NEVER = 0;
 
-// Rounding of the time of a communication point [s]: an importer adds steps up, the grid multiplies them.
+// Rounding error of the time of a communication point [s]: an importer adds steps, the grid multiplies them.
 static double rounding(double time) { return 1e-12 + 4e-15 * ::fabs(time); }
 
 static Job grid_of(const Plant& plant) {
@@ -55,18 +55,18 @@ static Job grid_of(const Plant& plant) {
   return job;
 }
 
-// Take a step, or try one, and count the events that fire.
+// Take or try a step, and count the events that fire.
 static void take_step(const Job& job, Branch& branch) {
   real slopes[int(method.PLACES) * NX], m[NM + 1], next[NX];
   Trajectory& at = branch.at;
 #ifdef WITH_EVENTS
   int64_t event[RECORDED];
   double when[RECORDED];
-  Job telling = job;
-  telling.most = RECORDED, telling.event = event, telling.when = when;
+  Job recording = job;
+  recording.most = RECORDED, recording.event = event, recording.when = when;
   at.fired[0] = 0;
   step<true>(NEEDED_STAGES, at, at.now.x, slopes, m, next);
-  settle<true>(telling, at, slopes, next, nullptr, false);
+  settle<true>(recording, at, slopes, next, nullptr, false);
   for (int64_t k = 0; k < at.fired[0] && k < RECORDED; ++k) ++branch.count[event[k]];
 #else
   step<true>(NEEDED_STAGES, at, at.now.x, slopes, m, next);
@@ -74,7 +74,7 @@ static void take_step(const Job& job, Branch& branch) {
 #endif
 }
 
-// Let `main` take the steps of the grid that end by a time.
+// Advance `main` by the steps of the grid that end at a time or earlier.
 static void follow_grid(Plant& plant, double until) {
   const Job job = grid_of(plant);
   Position& now = plant.main.at.now;
@@ -84,14 +84,14 @@ static void follow_grid(Plant& plant, double until) {
       ready(job, plant.main.at);
     }
 #ifdef WITH_EVENTS
-    aim(job, plant.main.at);
+    prepare_step(job, plant.main.at);
 #endif
     if (now.step.t + now.step.h > until + rounding(until)) return;
     take_step(job, plant.main);
   }
 }
 
-// Let `ahead` go on from `main` to a communication point within a step of the grid.
+// Advance `ahead` from `main` to a communication point within a step of the grid.
 static void look_ahead(Plant& plant, double until) {
   plant.ahead = plant.main, plant.is_ahead = true;
   Trajectory& at = plant.ahead.at;
@@ -106,13 +106,13 @@ static void look_ahead(Plant& plant, double until) {
 #endif
   while (at.now.alive != 0 && s.busy != 0) {
 #ifdef WITH_EVENTS
-    aim(job, at);
+    prepare_step(job, at);
 #endif
     take_step(job, plant.ahead);
   }
 }
 
-// Let inputs and tunable parameters that changed act from the communication point on.
+// Apply changed inputs and tunable parameters from the communication point on.
 static void apply_changes(Plant& plant) {
   if (!plant.new_inputs && !plant.new_parameters) return;
   Trajectory& at = plant.main.at;
@@ -122,7 +122,7 @@ static void apply_changes(Plant& plant) {
     if (at.now.alive != 0 && job.time(at.now.interval) > plant.time + rounding(plant.time)) next_segment(job, at, 0);
   }
   if (plant.new_parameters) {
-    // constants by the new parameters, but for switches, sides of jumps and windows, which events and time decide
+    // constants from the new parameters, except switches, sides of jumps and windows, which depend on events and time
     real ignored[NX], c[NC + 1];
     G::setup(plant.p, ignored, c);
     for (int i = 0; i < SWITCHES; ++i) c[SWITCH[i]] = at.c[SWITCH[i]];
@@ -132,7 +132,7 @@ static void apply_changes(Plant& plant) {
   }
   for (int i = 0; i < INPUTS; ++i) at.c[INPUT_CONSTANT[i]] = plant.p[INPUT_PARAMETER[i]];
 #ifdef WITH_TABLES
-  at.now.turned = 1.;
+  at.now.stale = 1.;
   look_up(at);
 #endif
 #ifdef WITH_EVENTS
@@ -146,7 +146,7 @@ static void reset(Plant& plant) {
   std::memcpy(plant.p, NOMINAL, sizeof plant.p);
 }
 
-// Begin the rollout with the present parameters; false where a grasp does not close.
+// Begin the rollout with the present parameters; false if a grasp does not close.
 static bool prepare(Instance& instance) {
   Plant& plant = instance.plant;
   if (plant.prepared) return true;
@@ -159,7 +159,7 @@ static bool prepare(Instance& instance) {
     report(instance, text);
     return false;
   }
-  set_out(grid_of(plant), 0, plant.p, plant.main.at);
+  initialise(grid_of(plant), 0, plant.p, plant.main.at);
   std::memset(plant.main.count, 0, sizeof plant.main.count);
   plant.time = 0, plant.prepared = true, plant.is_ahead = plant.new_inputs = plant.new_parameters = plant.observed = false;
   return true;
@@ -176,7 +176,7 @@ static void observe(Plant& plant) {
 
 enum Outcome { DONE, FINISHED, LOST };
 
-// Advance to the communication point that comes next.
+// Advance to the next communication point.
 static Outcome do_step(Instance& instance, double current, double length) {
   Plant& plant = instance.plant;
   char text[256];
@@ -199,12 +199,12 @@ static Outcome do_step(Instance& instance, double current, double length) {
   const Trajectory& at = plant.present().at;
   plant.time = at.now.alive != 0 ? until : at.reached;
   if (at.now.alive != 0) return DONE;
-  if (at.fate[0] == ENDED) {
+  if (at.status[0] == ENDED) {
     plant.mode = OVER;
     return FINISHED;
   }
   plant.mode = FAILED;
-  const char* const why = at.fate[0] == CHATTERING ? "chattered: too many events in too short a time" : "diverged: a state left its bounds";
+  const char* const why = at.status[0] == CHATTERING ? "chattered: too many events in too short a time" : "diverged: a state left its bounds";
   std::snprintf(text, sizeof text, "the plant %s, after %.6g s", why, plant.start + plant.time);
   report(instance, text);
   return LOST;
@@ -279,7 +279,7 @@ static bool begin(Instance& instance) {
   return true;
 }
 
-// An instance; null where the token is another one's, or there is no memory.
+// New instance; null if the token is that of another export, or there is no memory.
 static Instance* instantiate(const char* name, const char* token, void* environment, void* logger) {
   Instance* const instance = static_cast<Instance*>(std::malloc(sizeof(Instance)));
   if (!instance) return nullptr;
@@ -298,7 +298,7 @@ static void release(Instance* instance) {
   if (instance) std::free(instance->name), std::free(instance);
 }
 
-// States for rollback. Serialized, the token of the export comes first.
+// States for rollback. A serialized state begins with the token of the export.
 enum { TOKEN_SIZE = sizeof TOKEN, SERIALIZED = TOKEN_SIZE + sizeof(Plant) };
 
 static bool keep_state(const Instance& instance, void*& state) {

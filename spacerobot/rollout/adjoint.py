@@ -106,7 +106,7 @@ class _AdjointJob(ctypes.Structure):
         ("gradient", ctypes.c_void_p),
         ("segment", ctypes.c_int64),
         ("most", ctypes.c_int64),
-        ("told", ctypes.c_void_p),
+        ("instants", ctypes.c_void_p),
         ("instant", ctypes.c_void_p),
         ("width", ctypes.c_int64),
     )

@@ -19,8 +19,8 @@ from spacerobot.rollout.kernel import Kernel
 from spacerobot.rollout.rollout_arrays import (
     COINCIDENT,
     FAINT,
+    MAX_OCCURRENCES,
     SAME,
-    THINGS,
     RolloutArrays,
 )
 from spacerobot.rollout.tables import Integers, fill, gather
@@ -103,8 +103,8 @@ class CoincidentInstant:
         (c, self._noise), self._kernel, self._f, self._record = constants, kernel, calls, record
         self._t, self._c = float(record["last"]), c.copy()
         self._c[[*kernel.switches, *kernel.jumps]] = record["mode"][:-1]
-        number = min(int(record["number"]), THINGS)
-        reversed_steps = zip(record["thing"][:number][::-1], record["root"][:number][::-1], strict=True)
+        number = min(int(record["number"]), MAX_OCCURRENCES)
+        reversed_steps = zip(record["occurrence"][:number][::-1], record["root"][:number][::-1], strict=True)
         self._steps_recorded = [(int(index), bool(root)) for index, root in reversed_steps]
 
     @property
@@ -115,7 +115,7 @@ class CoincidentInstant:
     def order_counts(self, peaks: Array, seed: Array) -> bool:
         """Whether the order affects the gradient of a cost with adjoints ``seed`` (n,) of ``peaks`` (n,)."""
         kernel, record = self._kernel, self._record
-        if record["missed"] or record["number"] > THINGS:
+        if record["missed"] or record["number"] > MAX_OCCURRENCES:
             return True
         values_before = self._guards(record["before"], self._c)
         at_roots = [

@@ -31,7 +31,7 @@ MOST_EVENTS = 64
 TOGETHER = 1e-9
 """Time within which two events are coincident [s]."""
 
-MOST_INSTANTS, THINGS = 256, 16
+MOST_INSTANTS, MAX_OCCURRENCES = 256, 16
 """Maximum number of coincident instants recorded per rollout, and of events and jumps at each instant."""
 
 
@@ -85,8 +85,8 @@ class CoincidentInstants:
         """Empty records for ``count`` rollouts."""
         nx, modes = kernel.scale.size, len(kernel.switches) + len(kernel.jumps)
         sizes = {
-            "thing": THINGS,
-            "root": THINGS,
+            "occurrence": MAX_OCCURRENCES,
+            "root": MAX_OCCURRENCES,
             "mode": modes + 1,
             "met": kernel.peaks + 1,
             "before": nx,

@@ -18,13 +18,13 @@ enum { NW = G::dynamics_reverse_cbar, NB = G::setup_reverse_cbar, NG = G::setup_
 
 // Record of coincident events and jumps, or of an event with others close to it. Python checks with it whether their
 // order matters (coincident_events.py). first, last: times of the first and last one. missed: whether a close event did
-// not fire. number, thing: their number, and the last THINGS of them in reverse order, an event by its index or jump J as
-// -1 - J. root: whether each is a root of its own guard. mode: switches and sides of jumps before. met: for each peak
-// whether its step is among them or after all. before, bar: state before them, and adjoint of the state after them.
-enum { THINGS = 16 };
-enum Met { ELSEWHERE, BETWEEN, BEHIND };
+// not fire. number, occurrence: their number, and the last MAX_OCCURRENCES of them in reverse order, an event by its index,
+// jump J as -1 - J. root: whether each is a root of its own guard. mode: switches and sides of jumps before. met: for each
+// peak whether its step is among them or after all. before, bar: state before them, and adjoint of the state after them.
+enum { MAX_OCCURRENCES = 16 };
+enum Met { ELSEWHERE, BETWEEN, AFTERWARDS };
 struct Instant {
-  double first, last, missed, number, thing[THINGS], root[THINGS];
+  double first, last, missed, number, occurrence[MAX_OCCURRENCES], root[MAX_OCCURRENCES];
   ROW(double, mode, SWITCHES + JUMPS + 1);
   ROW(double, met, PEAKS + 1);
   ROW(double, before, NX);
@@ -33,8 +33,8 @@ struct Instant {
   // Copy all members to consecutive numbers.
   void write(double* to) const {
     const double single[] = {first, last, missed, number};
-    const double* const part[] = {single, thing, root, mode, met, before, bar};
-    const int size[] = {4, THINGS, THINGS, SWITCHES + JUMPS + 1, PEAKS + 1, NX, NX};
+    const double* const part[] = {single, occurrence, root, mode, met, before, bar};
+    const int size[] = {4, MAX_OCCURRENCES, MAX_OCCURRENCES, SWITCHES + JUMPS + 1, PEAKS + 1, NX, NX};
     for (int k = 0; k < 7; ++k)
       for (int i = 0; i < size[k]; ++i) *to++ = part[k][i];
   }
@@ -45,14 +45,14 @@ struct AdjointJob {
   double* gradient;    // (count, NG)
   int64_t segment;     // steps between checkpoints
   int64_t most;        // maximum number of recorded instants of a rollout
-  int64_t* told;       // (count), number of instants
-  double* instant;     // (count, most, width), as Instant writes them
+  int64_t* instants;   // (count), number of instants
+  double* instant;     // (count, most, width), as Instant::write stores them
   int64_t width;
 };
 
 // Adjoints during the backward sweep: of the state, of the constants, of the start time t and length h of a step, and
 // of the start time of a segment that begins at an event.
-struct Bars {
+struct Adjoints {
   ROW(real, x, NX);
   ROW(real, c, NB + 1);
   real t, h, begin;
@@ -61,7 +61,7 @@ struct Bars {
 #ifdef WITH_TABLES
 // Restore the windows of tables to the rows of a step, if one is given, after the adjoints of the windows were added to
 // those of the rows that they held.
-static void turn_back(Trajectory& at, const real* row, Bars& bar) {
+static void restore_windows(Trajectory& at, const real* row, Adjoints& bar) {
   for (int l = 0; l < LANES; ++l) {
     bool other = !row;
     for (int k = 0; row && k < CURSORS; ++k) other |= lane(row[k], l) != lane(at.now.row[k], l);
@@ -94,7 +94,7 @@ INLINE void accumulate(real* sum, const real* part, int n) {
 //   tbar += f_t' kbar_s,    hbar += m_s' k_s + C_s f_t' kbar_s,
 //
 // where k_s enters x1 and later stages with the factor h, hence m_s' k_s, and t + C_s h in f.
-INLINE void stages_reverse(const Record& past, const real* c, const real* sum, real* stage, Bars& bar) {
+INLINE void stages_reverse(const Record& past, const real* c, const real* sum, real* stage, Adjoints& bar) {
   for_stages_back(NEEDED_STAGES, [&](auto s) {
     real x[NX], seed[NX], part[NW + 1], tbar[2];
     const real h = past.step.h, t[1] = {past.step.t + method.C[s] * h}, *k = past.slope + s * NX;
@@ -116,20 +116,21 @@ INLINE void stages_reverse(const Record& past, const real* c, const real* sum, r
 }
 
 // Reverse of a step: bar.x at its end becomes bar.x at its beginning; unchanged in a lane that waited.
-static void step_reverse(const Record& past, const real* c, Bars& bar) {
-  real sum[NX], raw[NX], stage[method.STAGES * NX], kept[NX];
+static void step_reverse(const Record& past, const real* c, Adjoints& bar) {
+  real sum[NX], raw[NX], stage[method.STAGES * NX], end_bar[NX];
   combine<false>(SOLUTION, past.step.h, past.x, past.slope, raw);
   G::normalise_reverse(raw, bar.x, sum);
   for (int i = 0; i < NX; ++i) {
-    kept[i] = bar.x[i];
+    end_bar[i] = bar.x[i];
     bar.x[i] = sum[i] = select(past.step.busy, sum[i], 0.);
   }
   stages_reverse(past, c, sum, stage, bar);
-  for (int i = 0; i < NX; ++i) bar.x[i] = select(past.step.busy, bar.x[i], kept[i]);
+  for (int i = 0; i < NX; ++i) bar.x[i] = select(past.step.busy, bar.x[i], end_bar[i]);
 }
 
 // Add the adjoints of peaks that have their value at step k, or at a step next to it if peaks lie between steps.
-static void peaks_reverse(const Job& job, int64_t k, real t, const Trajectory& at, const real* x, const real* rbar, Bars& bar) {
+static void peaks_reverse(const Job& job, int64_t k, real t, const Trajectory& at, const real* x, const real* rbar,
+                          Adjoints& bar) {
   real seed[PEAKS + 1], xpart[NX], cpart[NW + 1], tpart[2], here = 0.;
   for (int i = 0; i < PEAKS; ++i) {
     real met = at.when[i] == real(double(k));
@@ -151,7 +152,7 @@ static void peaks_reverse(const Job& job, int64_t k, real t, const Trajectory& a
 
 // Add to the adjoint of the time at which a segment of lane l begins or ends: that of a jump or of an event; a sample's
 // time is constant.
-static void end_reverse(int place, int l, double value, Bars& bar) {
+static void end_reverse(int place, int l, double value, Adjoints& bar) {
   if (MOVING && place >= 0 && JUMP_BAR[place] >= 0) lane(bar.c[JUMP_BAR[place]], l) += value;
   if (place == HERE) lane(bar.begin, l) += value;
 }
@@ -159,7 +160,7 @@ static void end_reverse(int place, int l, double value, Bars& bar) {
 // From the adjoints of a step's start time and length to those of the ends t0 and t1 of its segment. Step i of N has
 // h = (t1 - t0) / N and t = t0 + i h, hence t1bar += (hbar + i tbar) / N and t0bar += tbar - (hbar + i tbar) / N. If the
 // step begins at a jump, the dynamics before it have the jump's earlier side.
-static void ends_reverse(const Step& s, Trajectory& at, Bars& bar) {
+static void ends_reverse(const Step& s, Trajectory& at, Adjoints& bar) {
   for (int l = 0; (JUMPS || EVENTS) && l < LANES; ++l) {
     const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
     if (lane(s.busy, l) == 0 || (from == -1 && to == -1)) continue;
@@ -188,31 +189,31 @@ INLINE void set_switches(Trajectory& at, const real* mode) {
 // adjoints of g, sent back through the step by step_reverse. taubar is that of the step's length (bar.h) and of the
 // event's time t + tau (`end`): the update's own dependence on time, and the start of the next segment. The latter
 // depends on t directly as well, so that bar.t gains `end`. An event that fires without a step has no root of its own.
-static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
-  const Happened& found = past.happened;
+static void event_reverse(const Record& past, Trajectory& at, Adjoints& bar) {
+  const StepOutcome& outcome = past.outcome;
   const Step& s = past.step;
-  const real fires = found.event >= 0. && (s.busy || found.waits), located = fires && found.cut;
-  const real t[1] = {select(found.waits, s.t, fmin(s.t + s.h, s.end))}, e[1] = {found.event};
-  real before[NX], raw[NX], xpart[NX], cpart[NW + 1], tpart[2], seed[EVENTS], moved = 0.;
+  const real fires = outcome.event >= 0. && (s.busy || outcome.waits), located = fires && outcome.cut;
+  const real t[1] = {select(outcome.waits, s.t, fmin(s.t + s.h, s.end))}, e[1] = {outcome.event};
+  real before[NX], raw[NX], xpart[NX], cpart[NW + 1], tpart[2], seed[EVENTS], update_time = 0.;
   if (any(fires)) {
     combine<false>(SOLUTION, s.h, past.x, past.slope, raw);
     G::normalise(raw, before);
-    for (int i = 0; i < NX; ++i) before[i] = select(found.waits, past.x[i], before[i]);
+    for (int i = 0; i < NX; ++i) before[i] = select(outcome.waits, past.x[i], before[i]);
     G::update_reverse(t, before, at.c, e, bar.x, xpart, cpart, tpart);
     for (int i = 0; i < NX; ++i) bar.x[i] = select(fires, xpart[i], bar.x[i]);
     for (int i = 0; i < NW; ++i) bar.c[i] = bar.c[i] + select(fires, cpart[i], 0.);
-    moved = select(fires, tpart[0], 0.);
+    update_time = select(fires, tpart[0], 0.);
   }
-  const real end = moved + bar.begin;
+  const real end = update_time + bar.begin;
   for (int l = 0; l < LANES; ++l)
-    if (lane(found.cut, l) != 0) lane(bar.begin, l) = 0.;
-    else end_reverse(int(lane(s.from, l)), l, lane(moved, l), bar);
-  set_switches(at, found.mode);
+    if (lane(outcome.cut, l) != 0) lane(bar.begin, l) = 0.;
+    else end_reverse(int(lane(s.from, l)), l, lane(update_time, l), bar);
+  set_switches(at, outcome.mode);
   step_reverse(past, at.c, bar);
   real mu = 0.;
   if (any(located)) {
-    Bars root;
-    for (int i = 0; i < EVENTS; ++i) seed[i] = located && found.event == real(double(i));
+    Adjoints root;
+    for (int i = 0; i < EVENTS; ++i) seed[i] = located && outcome.event == real(double(i));
     G::guards_reverse(t, before, at.c, seed, root.x, root.c, tpart);
     root.t = root.h = root.begin = 0.;
     step_reverse(past, at.c, root);
@@ -221,15 +222,15 @@ static void happened_reverse(const Record& past, Trajectory& at, Bars& bar) {
     for (int i = 0; i < NW; ++i) bar.c[i] = bar.c[i] + select(located, mu * root.c[i], 0.);
     bar.t = bar.t + select(located, mu * (root.t + tpart[0]), 0.);
   }
-  bar.t = bar.t + select(found.cut, end, 0.), bar.h = select(found.cut, 0., bar.h);
+  bar.t = bar.t + select(outcome.cut, end, 0.), bar.h = select(outcome.cut, 0., bar.h);
 }
 #endif
 
 // Repeat the steps of a segment from its checkpoint, and record them on the tape.
-static void again(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
+static void repeat_segment(const Job& job, Trajectory& at, const Position& begin, Record* tape, int64_t number) {
   real m[NM + 1], next[NX], c[NC + 1];
 #ifdef WITH_TABLES
-  real row[CURSORS + 1];  // whose bars the windows hold
+  real row[CURSORS + 1];  // rows whose adjoints are in the windows
   copy(row, at.now.row, CURSORS);
 #endif
   at.now = begin;
@@ -243,13 +244,13 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
   for (int64_t k = 0; k < number; ++k) {
     ready(job, at);  // a checkpoint was taken when a step was ready
 #ifdef WITH_EVENTS
-    if (EVENTS) aim(job, at);
+    if (EVENTS) prepare_step(job, at);
 #endif
     record_step(tape[k], at, m, next);
     if (k == number - 1) copy(c, at.c, NC + 1);
     settle<false>(job, at, tape[k].slope, next, &tape[k], true);
   }
-  copy(at.c, c, NC + 1);  // the sides of jumps during the last step, where the sweep back goes on
+  copy(at.c, c, NC + 1);  // the sides of jumps during the last step, from which the backward sweep continues
 #ifdef WITH_TABLES
   copy(at.now.row, row, CURSORS);
 #endif
@@ -261,65 +262,67 @@ static void again(const Job& job, Trajectory& at, const Position& begin, Record*
 // Recorded instants of a group of lanes; the latest one of each lane may still grow.
 struct Instants {
   Instant now[LANES];
-  int64_t told[LANES], taken[LANES];  // number of instants; next step of each lane
-  bool counts[LANES], moves[LANES];  // whether the latest one is to be recorded; whether parameters move a part of it
+  int64_t number[LANES], next_step[LANES];  // number of instants; next step of each lane
+  bool is_recorded[LANES], is_movable[LANES];     // whether the latest one is to be recorded; whether parameters move it
 
   void begin(int64_t steps) {
-    for (int l = 0; l < LANES; ++l) told[l] = 0, taken[l] = steps, counts[l] = moves[l] = false, now[l].first = INFINITY;
+    for (int l = 0; l < LANES; ++l) {
+      number[l] = 0, next_step[l] = steps, is_recorded[l] = is_movable[l] = false, now[l].first = INFINITY;
+    }
   }
   void close(const Job& job, const AdjointJob& adjoint, int64_t rollout, int l) {
-    if (!counts[l] || rollout >= job.count) return;
-    if (told[l] < adjoint.most) now[l].write(adjoint.instant + (rollout * adjoint.most + told[l]) * adjoint.width);
-    adjoint.told[rollout] = ++told[l];
+    if (!is_recorded[l] || rollout >= job.count) return;
+    if (number[l] < adjoint.most) now[l].write(adjoint.instant + (rollout * adjoint.most + number[l]) * adjoint.width);
+    adjoint.instants[rollout] = ++number[l];
   }
 };
 
-// Add the event or jump at the end of step k to the record, before the sweep reverses the step.
-static void note_instants(const Job& job, const AdjointJob& adjoint, int64_t first, int64_t k,
-                          const Record& past, const Trajectory& at, const Bars& bar, Instants& all) {
+// Add the event or jump at the end of step k to the record, before the backward sweep reverses the step.
+static void record_instants(const Job& job, const AdjointJob& adjoint, int64_t first, int64_t k,
+                            const Record& past, const Trajectory& at, const Adjoints& bar, Instants& all) {
   const Step& s = past.step;
   real raw[NX], end[NX];
-  bool known = false;
+  bool has_end = false;
   for (int l = 0; l < LANES; ++l) {
     const int to = int(lane(s.to, l));
     const bool done = lane(s.busy, l) != 0, over = lane(s.index, l) + 1 >= lane(s.number, l);
-    double thing = -1. - to, root = 1., t = lane(s.end, l), near = 0.;
-    bool waits = false, happens = done && to >= 0 && over;
+    double occurrence = -1. - to, root = 1., t = lane(s.end, l), near = 0.;
+    bool waits = false, occurs = done && to >= 0 && over;
 #ifdef WITH_EVENTS
-    const Happened& found = past.happened;
-    waits = lane(found.waits, l) != 0;
-    const bool fires = lane(found.event, l) >= 0 && (done || waits), cut = lane(found.cut, l) != 0;
-    happens = fires || (happens && !cut);
-    if (fires) thing = lane(found.event, l), root = cut, near = lane(found.near, l);
+    const StepOutcome& outcome = past.outcome;
+    waits = lane(outcome.waits, l) != 0;
+    const bool fires = lane(outcome.event, l) >= 0 && (done || waits), cut = lane(outcome.cut, l) != 0;
+    occurs = fires || (occurs && !cut);
+    if (fires) occurrence = lane(outcome.event, l), root = cut, near = lane(outcome.close, l);
     if (fires) t = waits ? lane(s.t, l) : ::fmin(lane(s.t, l) + lane(s.h, l), t);
 #endif
-    const double next = double(all.taken[l]);
-    if (done) all.taken[l] = k;
-    if (!happens) continue;
-    if (!known) combine<false>(SOLUTION, s.h, past.x, past.slope, raw), G::normalise(raw, end), known = true;
+    const double next = double(all.next_step[l]);
+    if (done) all.next_step[l] = k;
+    if (!occurs) continue;
+    if (!has_end) combine<false>(SOLUTION, s.h, past.x, past.slope, raw), G::normalise(raw, end), has_end = true;
     Instant& now = all.now[l];
     if (t < now.first - TOGETHER) {
       all.close(job, adjoint, first + l, l);
-      all.counts[l] = all.moves[l] = false, now.number = now.missed = 0., now.last = t;
+      all.is_recorded[l] = all.is_movable[l] = false, now.number = now.missed = 0., now.last = t;
       for (int i = 0; i < NX; ++i) now.bar[i] = lane(bar.x[i], l);
       for (int i = 0; i < PEAKS; ++i) now.met[i] = ELSEWHERE;
     }
     const int number = int(now.number++);
     for (int i = 0; i < PEAKS; ++i)
-      if (lane(at.when[i], l) == next) now.met[i] = number ? BETWEEN : BEHIND;
-    double behind = 0.;  // number of later events that are roots of their own guards
-    for (int i = 0; i < number && i < THINGS; ++i) behind += now.thing[i] >= 0 && now.root[i] != 0;
-    if (number < THINGS) now.thing[number] = thing, now.root[number] = root;
-    now.first = t, now.missed = now.missed != 0 || near > behind;
-    bool moves = thing < 0 && JUMP_BAR[int(-1 - thing)] >= 0;
+      if (lane(at.when[i], l) == next) now.met[i] = number ? BETWEEN : AFTERWARDS;
+    double later = 0.;  // number of later events that are roots of their own guards
+    for (int i = 0; i < number && i < MAX_OCCURRENCES; ++i) later += now.occurrence[i] >= 0 && now.root[i] != 0;
+    if (number < MAX_OCCURRENCES) now.occurrence[number] = occurrence, now.root[number] = root;
+    now.first = t, now.missed = now.missed != 0 || near > later;
+    bool moves = occurrence < 0 && JUMP_BAR[int(-1 - occurrence)] >= 0;
 #ifdef WITH_EVENTS
-    moves = moves || (thing >= 0 && !FIXED[int(thing)]);
+    moves = moves || (occurrence >= 0 && !FIXED[int(occurrence)]);
 #endif
-    all.moves[l] = all.moves[l] || moves;
-    all.counts[l] = all.moves[l] && (number > 0 || now.missed != 0);
+    all.is_movable[l] = all.is_movable[l] || moves;
+    all.is_recorded[l] = all.is_movable[l] && (number > 0 || now.missed != 0);
     for (int i = 0; i < NX; ++i) now.before[i] = lane((waits ? past.x : end)[i], l);
 #ifdef WITH_EVENTS
-    for (int i = 0; i < SWITCHES; ++i) now.mode[i] = lane(found.mode[i], l);
+    for (int i = 0; i < SWITCHES; ++i) now.mode[i] = lane(outcome.mode[i], l);
 #endif
     for (int i = 0; i < JUMPS; ++i) now.mode[SWITCHES + i] = lane(at.c[JUMP[i]], l);
   }
@@ -331,13 +334,14 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
   Room<Record> tape(segment);
   Room<Trajectory> trajectory(1);
   Checkpoints checkpoints;
-  Room<Bars> bars(1);
+  Room<Adjoints> bars(1);
   Room<Instants> instants(1);
-  Room<real> parameters(NP + 1), wanted(2 * (NG + 1));
-  if (!parameters.at || !wanted.at || !tape.at || !trajectory.at || !bars.at || !instants.at || EXHAUSTED) return NO_MEMORY;
+  Room<real> parameters(NP + 1), slopes(2 * (NG + 1));
+  if (!parameters.at || !slopes.at || !tape.at || !trajectory.at || !bars.at || !instants.at || OUT_OF_MEMORY)
+    return NO_MEMORY;
   Trajectory& at = *trajectory.at;
-  Bars& bar = *bars.at;
-  real *const p = parameters.at, *const pbar = wanted.at, *const direct = wanted.at + NG + 1;
+  Adjoints& bar = *bars.at;
+  real *const p = parameters.at, *const pbar = slopes.at, *const direct = slopes.at + NG + 1;
   for (int64_t first = 0; first < job.count; first += LANES) {
     real cost[NJ + 1], seed[NJ + 1], rbar[NR + 1];
     gather(job.p, first, job.count, NP, p);
@@ -353,22 +357,23 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
     for (int i = 0; i < INTEGRALS; ++i) bar.x[NX - INTEGRALS + i] = rbar[i];
     peaks_reverse(job, steps, t[0], at, at.now.x, rbar, bar);
     for (int l = 0; EVENTS && l < LANES; ++l)
-      if (at.fate[l] == ENDED) end_reverse(int(lane(at.now.step.from, l)), l, lane(bar.t, l), bar);
+      if (at.status[l] == ENDED) end_reverse(int(lane(at.now.step.from, l)), l, lane(bar.t, l), bar);
     bar.t = bar.h = 0.;
     instants.at->begin(steps);
-    const int64_t last = any(at.whole) ? (steps - 1) / segment : -1;  // what is lost has no tape
+    const int64_t last = any(at.whole) ? (steps - 1) / segment : -1;  // a diverged rollout has no tape
     for (int64_t s = last; s >= 0; --s) {
       const int64_t begin = s * segment, number = s < last ? segment : steps - begin;
-      if (s < last) again(job, at, checkpoints.kept.at[s], tape.at, number);  // the tape holds a later segment
+      // the tape has the steps of a later segment
+      if (s < last) repeat_segment(job, at, checkpoints.positions.at[s], tape.at, number);
       for (int64_t k = number - 1; k >= 0; --k) {
         if (*job.stop) return first;
         const Record& past = tape.at[k];
 #ifdef WITH_TABLES
-        if (TABLES) turn_back(at, past.row, bar);
+        if (TABLES) restore_windows(at, past.row, bar);
 #endif
-        if (MOVING && adjoint->most) note_instants(job, *adjoint, first, begin + k, past, at, bar, *instants.at);
+        if (MOVING && adjoint->most) record_instants(job, *adjoint, first, begin + k, past, at, bar, *instants.at);
 #ifdef WITH_EVENTS
-        if (EVENTS && any(past.happened.cut || past.happened.event >= 0.)) happened_reverse(past, at, bar);
+        if (EVENTS && any(past.outcome.cut || past.outcome.event >= 0.)) event_reverse(past, at, bar);
         else
 #endif
           step_reverse(past, at.c, bar);
@@ -377,7 +382,7 @@ extern "C" int64_t gradients(const Job* given, const AdjointJob* adjoint) {
       }
     }
 #ifdef WITH_TABLES
-    if (TABLES) turn_back(at, nullptr, bar);
+    if (TABLES) restore_windows(at, nullptr, bar);
 #endif
     for (int l = 0; l < LANES; ++l) instants.at->close(job, *adjoint, first + l, l);
     G::setup_reverse(p, bar.x, bar.c, pbar);

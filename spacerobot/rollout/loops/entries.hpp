@@ -1,11 +1,11 @@
-// What Python calls where the loops are the same for every scene.
+// Functions that Python calls if the loops are the same for every scene.
 extern "C" int64_t rollouts_of(const Scene* given, const Job* job) {
-  const Seeing seeing(given);
-  return exhausted ? int64_t(NO_MEMORY) : rollouts(job);
+  const SceneScope scope(given);
+  return out_of_memory ? int64_t(NO_MEMORY) : rollouts(job);
 }
 extern "C" int64_t gradients_of(const Scene* given, const Job* job, const AdjointJob* adjoint) {
-  const Seeing seeing(given);
-  return exhausted ? int64_t(NO_MEMORY) : gradients(job, adjoint);
+  const SceneScope scope(given);
+  return out_of_memory ? int64_t(NO_MEMORY) : gradients(job, adjoint);
 }
 extern "C" int64_t evaluate_program(const Program* program, double* const* arguments) {
   Room<double> slots(program->slots + 1);

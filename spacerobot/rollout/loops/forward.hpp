@@ -1,5 +1,5 @@
 // Update the largest values and the steps at which they occurred. A NaN remains.
-INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when) {
+INLINE void update_peaks(const real* m, real alive, int64_t k, real* best, real* when) {
   for (int i = 0; i < PEAKS; ++i) {
     const real wins = alive && !(m[i] <= best[i]) && (best[i] == best[i]);
     for (int j = i; j < NM; j += PEAKS) best[j] = select(wins, m[j], best[j]);
@@ -7,16 +7,16 @@ INLINE void compete(const real* m, real alive, int64_t k, real* best, real* when
   }
 }
 
-// If job.located: record the step that begins at t, after `compete`, in the lanes that `took` it.
-static void surround(Trajectory& at, const real* m, real t, real took, int64_t k) {
+// If job.located: record the step that begins at t in the lanes in which it was `accepted`, after `update_peaks`.
+static void record_vicinity(Trajectory& at, const real* m, real t, real accepted, int64_t k) {
   Vicinity& v = at.vicinity;
   const real step = double(k);
   for (int i = 0; i < PEAKS; ++i) {
-    const real wins = took && at.when[i] == step;
-    v.since[i] = select(wins, 0., v.since[i] + took);
+    const real wins = accepted && at.when[i] == step;
+    v.since[i] = select(wins, 0., v.since[i] + accepted);
     for (int n = 0; n < AROUND; ++n) {
       const bool earlier = n < OWN;
-      const real here = earlier ? wins : took && v.since[i] == real(double(n - OWN));
+      const real here = earlier ? wins : accepted && v.since[i] == real(double(n - OWN));
       for (int j = i; j < NM; j += PEAKS)
         v.m[n * NM + j] = select(here, earlier ? v.last_m[n * NM + j] : m[j], select(wins, NAN, v.m[n * NM + j]));
       const int place = n * PEAKS + i;
@@ -25,11 +25,11 @@ static void surround(Trajectory& at, const real* m, real t, real took, int64_t k
     }
   }
   for (int j = 0; j < NM; ++j) {
-    v.last_m[j] = select(took, v.last_m[NM + j], v.last_m[j]);
-    v.last_m[NM + j] = select(took, m[j], v.last_m[NM + j]);
+    v.last_m[j] = select(accepted, v.last_m[NM + j], v.last_m[j]);
+    v.last_m[NM + j] = select(accepted, m[j], v.last_m[NM + j]);
   }
-  v.last_t[0] = select(took, v.last_t[1], v.last_t[0]), v.last_t[1] = select(took, t, v.last_t[1]);
-  v.last_step[0] = select(took, v.last_step[1], v.last_step[0]), v.last_step[1] = select(took, step, v.last_step[1]);
+  v.last_t[0] = select(accepted, v.last_t[1], v.last_t[0]), v.last_t[1] = select(accepted, t, v.last_t[1]);
+  v.last_step[0] = select(accepted, v.last_step[1], v.last_step[0]), v.last_step[1] = select(accepted, step, v.last_step[1]);
 }
 
 // Derivatives of peaks between steps. The largest step is up to half a step from the signal's maximum, where the derivative
@@ -91,7 +91,7 @@ INLINE bool ready(const Job& job, Trajectory& at) {
   return true;
 }
 
-// Record of a step and of its events, for the adjoint. `busy` holds only for lanes that took the step.
+// Record of a step and of its events, for the adjoint. `busy` is true only in lanes in which the step was accepted.
 struct Record {
   Step step;
 #ifdef WITH_TABLES
@@ -100,7 +100,7 @@ struct Record {
   ROW(real, x, NX);
   ROW(real, slope, method.STAGES * NX);
 #ifdef WITH_EVENTS
-  Happened happened;
+  StepOutcome outcome;
 #endif
 };
 
@@ -115,57 +115,58 @@ static void record_step(Record& record, Trajectory& at, real* m, real* next) {
 
 // Positions at regular numbers of steps. Their number grows on demand, since events add steps.
 struct Checkpoints {
-  Room<Position> kept;
+  Room<Position> positions;
   int64_t room = 0;
-  bool keep(int64_t place, const Position& now) {
+  bool store(int64_t place, const Position& now) {
     if (place >= room) {
       const int64_t more = 2 * room + 16;
       Room<Position> larger(more);
-      if (!larger.at || EXHAUSTED) return false;
-      for (int64_t i = 0; i < room; ++i) larger.at[i] = kept.at[i];
-      kept.swap(larger), room = more;
+      if (!larger.at || OUT_OF_MEMORY) return false;
+      for (int64_t i = 0; i < room; ++i) larger.at[i] = positions.at[i];
+      positions.swap(larger), room = more;
     }
-    kept.at[place] = now;
+    positions.at[place] = now;
     return true;
   }
 };
 
 // Accept the step to `next`, with the slopes `k`, in the lanes that take it, and return these lanes. A lane whose state is
-// NaN or out of bounds keeps its last valid state from then on, while its time continues. Steps that are repeated (`again`)
-// are not counted.
-template <bool SHARED> INLINE real settle(const Job& job, Trajectory& at, const real* k, real* next, Record* record, bool again) {
+// NaN or out of bounds keeps its last valid state from then on, while its time continues. Steps of a backward sweep
+// (`is_repeated`) are not counted.
+template <bool SHARED>
+INLINE real settle(const Job& job, Trajectory& at, const real* k, real* next, Record* record, bool is_repeated) {
   Position& now = at.now;
-  const real goes = now.alive && now.step.busy, sound = is_sound(next, at.begin, job.scale);
-  real moved = now.step.busy, onward = moved;
+  const real active = now.alive && now.step.busy, sound = is_sound(next, at.begin, job.scale);
+  real accepted = now.step.busy, advances = accepted;
 #ifdef WITH_EVENTS
-  Happened happened;
+  StepOutcome outcome;
   if (EVENTS) {
-    judge<SHARED>(job, at, k, next, goes && sound, happened);
-    moved = moved && !happened.waits, onward = moved && !happened.cut;
+    assess_step<SHARED>(job, at, k, next, active && sound, outcome);
+    accepted = accepted && !outcome.waits, advances = accepted && !outcome.cut;
 #ifdef WITH_RATE
-    if (RATE >= 0) stretch(at, happened, next);
+    if (RATE >= 0) differentiate_step(at, outcome, next);
 #endif
   } else {
-    happened.waits = happened.cut = happened.near = 0., happened.event = -1.;
+    outcome.waits = outcome.cut = outcome.close = 0., outcome.event = -1.;
   }
-  if (record) record->happened = happened, record->step.busy = goes && moved;
+  if (record) record->outcome = outcome, record->step.busy = active && accepted;
 #endif
-  const real good = goes && moved && sound;
-  now.alive = now.alive && (good || !moved);
+  const real good = active && accepted && sound;
+  now.alive = now.alive && (good || !accepted);
   for (int i = 0; i < NX; ++i) now.x[i] = select(good, next[i], now.x[i]);
 #ifdef WITH_EVENTS
-  if (EVENTS) happen(job, at, happened, again);
+  if (EVENTS) apply_events(job, at, outcome, is_repeated);
 #endif
-  advance(job, at, onward);
+  advance(job, at, advances);
 #ifdef WITH_TABLES
   if (TABLES) look_up(at);
 #endif
-  if (!again) at.done = at.done + good, at.reached = select(good, now.step.t, at.reached);
-  return goes && moved;
+  if (!is_repeated) at.done = at.done + good, at.reached = select(good, now.step.t, at.reached);
+  return active && accepted;
 }
 
 // Initialise a group of lanes.
-static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at) {
+static void initialise(const Job& job, int64_t first, const real* p, Trajectory& at) {
   Position& now = at.now;
   std::memset(&now.step, 0, sizeof now.step);
   now.interval = 0, now.step.to = -1., now.alive = 1.;
@@ -177,13 +178,13 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
   at.first = first, at.done = at.reached = 0.;
   for (int l = 0; l < LANES; ++l)
     at.noise[l] = job.noise + (first + l < job.count ? first + l : job.count - 1) * job.noises;
-  for (int l = 0; l < LANES; ++l) at.fate[l] = COMPLETED;
+  for (int l = 0; l < LANES; ++l) at.status[l] = COMPLETED;
 #ifdef WITH_EVENTS
-  watch(at);
+  reset_watch(at);
 #endif
   sort_jumps(job, at);
 #ifdef WITH_TABLES
-  now.turned = 1.;
+  now.stale = 1.;
   if (TABLES) look_up(at);
 #endif
   for (int i = 0; i < NX; ++i) at.error[i] = 0., at.size[i] = fabs(now.x[i]);
@@ -203,7 +204,7 @@ static void set_out(const Job& job, int64_t first, const real* p, Trajectory& at
 static real end_of(const Job& job, const Trajectory& at) {
   real t = job.time(job.intervals);
   for (int l = 0; l < LANES; ++l)
-    if (at.fate[l] == ENDED) lane(t, l) = lane(at.reached, l);
+    if (at.status[l] == ENDED) lane(t, l) = lane(at.reached, l);
   return t;
 }
 
@@ -212,16 +213,16 @@ static void reduce(const Job& job, Trajectory& at, int64_t k) {
   real ignored[NX], m[NM + 1], *best = at.r + INTEGRALS, t[1] = {end_of(job, at)};
   at.whole = at.now.alive;
   for (int l = 0; l < LANES; ++l)
-    if (at.fate[l] == ENDED) lane(at.whole, l) = 1.;
+    if (at.status[l] == ENDED) lane(at.whole, l) = 1.;
 #ifdef WITH_RATE
   real dt = 0., dh = 0.;
-  if (RATE >= 0) moved(at, dt, dh);
-  for (int l = 0; RATE >= 0 && l < LANES; ++l) lane(at.c[RATE], l) = at.fate[l] == ENDED ? lane(dt, l) : 0.;
+  if (RATE >= 0) step_time_sensitivity(at, dt, dh);
+  for (int l = 0; RATE >= 0 && l < LANES; ++l) lane(at.c[RATE], l) = at.status[l] == ENDED ? lane(dt, l) : 0.;
 #endif
   if (PEAKS) {
     G::dynamics(t, at.now.x, at.c, ignored, m);
-    compete(m, at.whole, k, best, at.when);
-    if (job.located) surround(at, m, t[0], at.whole, k), locate_peaks(at);
+    update_peaks(m, at.whole, k, best, at.when);
+    if (job.located) record_vicinity(at, m, t[0], at.whole, k), locate_peaks(at);
   }
   for (int i = 0; i < INTEGRALS; ++i) at.r[i] = at.now.x[NX - INTEGRALS + i];
   G::final(t, at.now.x, at.c, best + NM);
@@ -235,7 +236,7 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
                          Checkpoints* checkpoints) {
   real slopes[(LANES == 1 ? int(method.TOTAL) : int(method.PLACES)) * NX], m[NM + 1], next[NX];
   Position& now = at.now;
-  set_out(job, first, p, at);
+  initialise(job, first, p, at);
   int64_t k = 0;
   for (; any(now.alive); ++k) {
     if (*job.stop) return STOPPED;
@@ -244,24 +245,24 @@ static int64_t integrate(const Job& job, int64_t first, const real* p, Trajector
     Record* record = tape ? tape + k % segment : nullptr;
     const bool estimates = LANES == 1 && job.error && !record;
 #ifdef WITH_EVENTS
-    if (EVENTS) aim(job, at);
+    if (EVENTS) prepare_step(job, at);
 #endif
     const real h = now.step.h, t = now.step.t;
-    real took;
+    real accepted;
     if (record) {
-      if (k % segment == 0 && !checkpoints->keep(k / segment, now)) return NO_MEMORY;
+      if (k % segment == 0 && !checkpoints->store(k / segment, now)) return NO_MEMORY;
       record_step(*record, at, m, next);
-      took = settle<false>(job, at, record->slope, next, record, false);
+      accepted = settle<false>(job, at, record->slope, next, record, false);
     } else if (estimates) {
       step<false>(ALL_STAGES, at, now.x, slopes, m, next);
-      took = settle<false>(job, at, slopes, next, nullptr, false);
+      accepted = settle<false>(job, at, slopes, next, nullptr, false);
     } else {
       step<true>(NEEDED_STAGES, at, now.x, slopes, m, next);
-      took = settle<true>(job, at, slopes, next, nullptr, false);
+      accepted = settle<true>(job, at, slopes, next, nullptr, false);
     }
-    if (PEAKS) compete(m, took, k, at.r + INTEGRALS, at.when);
-    if (PEAKS && job.located) surround(at, m, t, took, k);
-    if (estimates) note_error(at, h, slopes, next, took);
+    if (PEAKS) update_peaks(m, accepted, k, at.r + INTEGRALS, at.when);
+    if (PEAKS && job.located) record_vicinity(at, m, t, accepted, k);
+    if (estimates) record_error(at, h, slopes, next, accepted);
   }
   reduce(job, at, k);
   return k;
@@ -274,12 +275,12 @@ static void store(const Job& job, int64_t first, const Trajectory& at, const rea
   const real error = largest_error(at);
   if (job.error) scatter(&error, 1, first, job.count, job.error);
   for (int l = 0; l < LANES && first + l < job.count; ++l) {
-    const bool lost = lane(at.now.alive, l) == 0 && at.fate[l] == COMPLETED;
+    const bool lost = lane(at.now.alive, l) == 0 && at.status[l] == COMPLETED;
     job.done[first + l] = int64_t(lane(at.done, l));
-    job.fate[first + l] = lost ? int64_t(DIVERGED) : at.fate[l];
+    job.status[first + l] = lost ? int64_t(DIVERGED) : at.status[l];
 #ifdef WITH_EVENTS
     job.fired[first + l] = at.fired[l];
-    job.doubt[2 * (first + l)] = at.doubt[l], job.doubt[2 * (first + l) + 1] = at.doubted[l];
+    job.gradient_warning[2 * (first + l)] = at.gradient_warning[l], job.gradient_warning[2 * (first + l) + 1] = at.warned_event[l];
 #endif
   }
 }
@@ -288,7 +289,7 @@ extern "C" int64_t rollouts(const Job* given) {
   const Job& job = *given;
   Room<Trajectory> trajectory(1);
   Room<real> parameters(NP + 1);
-  if (!trajectory.at || !parameters.at || EXHAUSTED) return NO_MEMORY;
+  if (!trajectory.at || !parameters.at || OUT_OF_MEMORY) return NO_MEMORY;
   Trajectory& at = *trajectory.at;
   real* const p = parameters.at;
   for (int64_t first = 0; first < job.count; first += LANES) {

@@ -1,6 +1,6 @@
-// Sizes, tables and functions of a scene as data, where they are no constants of the compiler: the loops are then the
-// same for every scene, whose functions a virtual machine evaluates. Comes after `machine.hpp`. The list FUNCTIONS, and
-// a macro for each number and table of a scene, are made from what a kernel has.
+// Sizes, tables and functions of a scene as data instead of constants: the loops are then the same for every scene, whose
+// functions a virtual machine evaluates. Included after `machine.hpp`. kernel_tables.py writes the list FUNCTIONS, and a
+// macro for each size and table.
 #include <cstdlib>
 enum { MOST_STAGES = 16 };
 struct Tableau {
@@ -11,16 +11,16 @@ struct Tableau {
 };
 
 struct Scene {
-  const int64_t* size;              // SIZES, in turn
+  const int64_t* size;              // SIZES and LENGTHS, in this order
   const int64_t* const* integers;   // INTEGERS
   const double* const* reals;       // REALS
   const Tableau* tableau;
-  const Program* const* function;   // FUNCTIONS, null for those that it has not
+  const Program* const* function;   // FUNCTIONS, null for those that the scene does not have
 };
 static thread_local const Scene* scene;
 static thread_local double* const* work;  // slots of each function
-static thread_local bool exhausted;       // truth where there was no memory for a member of a struct
-#define EXHAUSTED exhausted
+static thread_local bool out_of_memory;   // whether there was no memory for a member of a struct
+#define OUT_OF_MEMORY out_of_memory
 #define method (*scene->tableau)
 typedef int64_t Stage;
 #define NEEDED_STAGES method.STAGES
@@ -34,11 +34,11 @@ template <class Body> INLINE void for_stages_back(Stage last, const Body& body) 
   for (int s = int(last) - 1; s >= 0; --s) body(s);
 }
 
-// A member of a struct whose length depends on the scene.
+// Array in a struct, whose length depends on the scene.
 template <class T> struct Row {
   T* at;
   int64_t number;
-  explicit Row(int64_t n) : at(static_cast<T*>(std::calloc(n + 1, sizeof(T)))), number(n) { exhausted |= !at; }
+  explicit Row(int64_t n) : at(static_cast<T*>(std::calloc(n + 1, sizeof(T)))), number(n) { out_of_memory |= !at; }
   Row(const Row& other) : Row(other.number) { *this = other; }
   Row& operator=(const Row& other) {
     if (at && other.at) std::memcpy(at, other.at, number * sizeof(T));
@@ -80,20 +80,20 @@ struct Generated {
 #undef MEMBER
 };
 
-// Lets this thread's loops see a scene, until the end of the scope.
-struct Seeing {
+// Scope in which this thread's loops use a scene.
+struct SceneScope {
   double* slots[FUNCTION_COUNT] = {};
-  explicit Seeing(const Scene* given) {
-    scene = given, work = slots, exhausted = false;
+  explicit SceneScope(const Scene* given) {
+    scene = given, work = slots, out_of_memory = false;
     for (int f = 0; f < FUNCTION_COUNT; ++f) {
       const Program* const program = given->function[f];
       if (!program) continue;
       slots[f] = static_cast<double*>(std::malloc((program->slots + 1) * sizeof(double)));
-      if (!slots[f]) exhausted = true;
+      if (!slots[f]) out_of_memory = true;
       else std::memcpy(slots[f], program->constant, program->constants * sizeof(double));
     }
   }
-  ~Seeing() {
+  ~SceneScope() {
     for (double* one : slots) std::free(one);
     scene = nullptr, work = nullptr;
   }

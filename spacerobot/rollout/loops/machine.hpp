@@ -1,10 +1,10 @@
-// A virtual machine for the functions of a scene. CasADi's own decides anew for each operation what to do, which takes a
-// processor several times as long as the operation. Here operations of one kind whose operands are ready are done
-// together, one after the other in a short loop: the processor finds independent work, and guesses few branches wrong.
+// Virtual machine for the functions of a scene. CasADi's own branches for each operation, which takes a processor several
+// times as long as the operation. Here operations of one kind whose operands are ready are evaluated one after the other
+// in a short loop: they are independent of each other, and few branches are mispredicted.
 //
-// A program is made from the statements that CasADi generates for C, each of which does one operation.
+// A program is made from the statements of CasADi's C code, each of which is one operation.
 
-// Kind of an operation, how it is written around its operands, and what it does.
+// Kind of an operation, its operator or function in C, and its value.
 #define OPERATIONS(DO)                                                                                            \
   DO(ASSIGN, "", A) DO(NEG, "-", -A) DO(NOT, "!", A == 0) DO(INV, "1./", 1. / A) DO(TWICE, "2.*", A + A)          \
   DO(ADD, "+", A + B) DO(SUB, "-", A - B) DO(MUL, "*", A * B) DO(DIV, "/", A / B) DO(LESS, "<", A < B)            \
@@ -37,8 +37,8 @@ constexpr const char* WRITTEN[] = {
 #undef DO
 };
 
-// Operations of one kind that follow each other. Each has four indices: where its result goes, and its operands; of what
-// READ reads from argument `part` or WRITE writes to result `part`, the last operand is the place there.
+// Successive operations of one kind. Each has four indices: the slot of its result, and those of its operands. READ reads
+// from argument `part` and WRITE writes to result `part`; their last index is the place there.
 struct Group {
   int32_t kind, part;
   int64_t number;
@@ -47,7 +47,7 @@ struct Program {
   const Group* group;
   const uint16_t* narrow;  // indices where they fit, else null
   const uint32_t* wide;
-  const double* constant;  // the first of the slots
+  const double* constant;  // values of the first slots
   int64_t groups, constants, slots, inputs;
 };
 
@@ -78,9 +78,10 @@ static void evaluate(const Program& program, const Index* i, double* __restrict 
 #undef C
 }
 
-// The next statement of a text; false at its end, or where it is none.
+// Statement of a text. `to` and the operands are registers, except that operand 2 is the place in an argument or a result.
+// `read` reads the next statement and returns false at the end of the text or if there is no statement.
 struct Statement {
-  int kind, part, to, operand[3];  // registers; operand 2 is the place in an argument or a result
+  int kind, part, to, operand[3];
 
   static bool skip(const char*& at, const char* word) {
     const char* p = at;
@@ -142,17 +143,20 @@ struct Statement {
   }
 };
 
-// Make a program of statements: groups (at most `number`) and indices (4 `number`), with room for them. `constant` holds
-// the numbers that are written in the statements, in turn. Returns how many groups there are, minus one where there is no
-// memory, or minus two minus the place of a character that is not understood. `sizes` becomes slots, indices.
+// Convert `number` statements to a program: groups (at most `number`) and indices (4 for each operation), for which the
+// caller provides the arrays. Constants take the first slots in the order of their statements. Returns the number of groups,
+// -1 without memory, or -2 minus the place of a character that cannot be read. `sizes` becomes the numbers of slots and of
+// operations.
 extern "C" int64_t make_program(const char* text, int64_t number, Group* groups, uint32_t* index, int64_t* sizes) {
   const char* at = text;
   Room<Statement> all(number + 1);
-  // operands as the statements that made them; statements that wait for each, in chains; how many operands each waits for
-  Room<int> made(number + 1), chain(3 * number + 3), waits(number + 1), uses(number + 1), slot(number + 1), free(number + 1);
+  // defining statement of each register; users of each statement as linked lists; number of operands that each awaits
+  Room<int> definition(number + 1), chain(3 * number + 3), waits(number + 1), uses(number + 1), slot(number + 1);
+  Room<int> vacant(number + 1);
   Room<int> first(number + 1), ready(number + 1);
-  if (!all.at || !made.at || !chain.at || !waits.at || !uses.at || !slot.at || !free.at || !first.at || !ready.at) return -1;
-  int slots = 0, frees = 0;
+  if (!all.at || !definition.at || !chain.at || !waits.at || !uses.at || !slot.at || !vacant.at || !first.at || !ready.at)
+    return -1;
+  int slots = 0, vacancies = 0;
   for (int i = 0; i < number; ++i) {
     Statement& s = all.at[i];
     if (!s.read(at)) return -2 - (at - text);
@@ -161,13 +165,13 @@ extern "C" int64_t make_program(const char* text, int64_t number, Group* groups,
     for (int k = 0; k < 2; ++k) {
       if (s.operand[k] < 0) continue;
       if (s.operand[k] > number) return -2 - (at - text);
-      s.operand[k] = made.at[s.operand[k]], ++uses.at[s.operand[k]];
+      s.operand[k] = definition.at[s.operand[k]], ++uses.at[s.operand[k]];
     }
     if (s.to > number) return -2 - (at - text);
-    if (s.to >= 0) made.at[s.to] = i;
+    if (s.to >= 0) definition.at[s.to] = i;
     if (s.kind == CONSTANT) slot.at[i] = slots++;
   }
-#if defined(__FMA__) || defined(__aarch64__)  // a product that one sum alone needs is fused with it
+#if defined(__FMA__) || defined(__aarch64__)  // a product with a single user, a sum, is fused with it
   for (int i = 0; i < number; ++i) {
     Statement& s = all.at[i];
     if (s.kind != ADD && s.kind != SUB) continue;
@@ -175,7 +179,7 @@ extern "C" int64_t make_program(const char* text, int64_t number, Group* groups,
       Statement& product = all.at[s.operand[k]];
       const int other = s.operand[1 - k];
       if (product.kind != MUL || uses.at[s.operand[k]] != 1 || other == s.operand[k]) continue;
-      uses.at[s.operand[k]] = -1;  // nothing is left to do there
+      uses.at[s.operand[k]] = -1;  // the product is not evaluated by itself
       s.kind = s.kind == ADD ? FUSED : k == 0 ? FUSED_LESS : FUSED_FROM;
       s.operand[0] = product.operand[0], s.operand[1] = product.operand[1], s.operand[2] = other;
       break;
@@ -200,9 +204,9 @@ extern "C" int64_t make_program(const char* text, int64_t number, Group* groups,
   }
   for (int i = 0; i < number; ++i)
     if (all.at[i].kind != CONSTANT && uses.at[i] >= 0 && waits.at[i] == 0) enqueue(i);
-  int64_t made_groups = 0, indices = 0;
+  int64_t group_count = 0, indices = 0;
   while (true) {
-    // the kind with the most operations that are ready; results are written last, each to its own array
+    // the kind with the most operations that are ready; results are written last
     int kind = -1;
     for (int k = 0; k < KINDS; ++k)
       if (count[k] && (kind < 0 || kind == WRITE || (k != WRITE && count[k] > count[kind]))) kind = k;
@@ -212,9 +216,9 @@ extern "C" int64_t make_program(const char* text, int64_t number, Group* groups,
     for (int i = begin; i >= 0; i = ready.at[i]) {
       const Statement& s = all.at[i];
       const int part = kind == READ || kind == WRITE ? s.part : 0;
-      if (i == begin || groups[made_groups - 1].part != part) groups[made_groups++] = {kind, part, 0};
-      ++groups[made_groups - 1].number;
-      if (kind != WRITE) slot.at[i] = frees ? free.at[--frees] : slots++;
+      if (i == begin || groups[group_count - 1].part != part) groups[group_count++] = {kind, part, 0};
+      ++groups[group_count - 1].number;
+      if (kind != WRITE) slot.at[i] = vacancies ? vacant.at[--vacancies] : slots++;
       uint32_t* const to = index + 4 * indices++;
       to[0] = kind == WRITE ? 0 : slot.at[i];
       for (int k = 0; k < 3; ++k) {
@@ -223,7 +227,7 @@ extern "C" int64_t make_program(const char* text, int64_t number, Group* groups,
       }
       for (int k = 0; k < operands(s); ++k) {
         const int o = s.operand[k];
-        if (o >= 0 && all.at[o].kind != CONSTANT && --uses.at[o] == 0) free.at[frees++] = slot.at[o];
+        if (o >= 0 && all.at[o].kind != CONSTANT && --uses.at[o] == 0) vacant.at[vacancies++] = slot.at[o];
       }
     }
     for (int i = begin, next; i >= 0; i = next) {
@@ -233,5 +237,5 @@ extern "C" int64_t make_program(const char* text, int64_t number, Group* groups,
     }
   }
   sizes[0] = slots, sizes[1] = indices;
-  return made_groups;
+  return group_count;
 }

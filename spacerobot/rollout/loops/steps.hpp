@@ -1,5 +1,6 @@
-// Rollouts of a closed loop by an explicit Runge-Kutta method, over lanes. Included after `lanes.hpp`, `struct Generated`
-// and `struct Method` (a tableau); `events.hpp`, `forward.hpp` and `adjoint.hpp` follow in this order if they are needed:
+// Steps of rollouts of a closed loop by an explicit Runge-Kutta method, in SIMD lanes. Included after `lanes.hpp`, `struct
+// Generated` and `struct Method` (a tableau). `tables.hpp` follows if there are TABLES, `events.hpp` if there are EVENTS, then
+// `forward.hpp`, and `adjoint.hpp` for gradients. The functions of a scene are:
 //
 //   setup(p -> x0, c)              initial state and prepared constants, once per rollout
 //   dynamics(t, x, c -> xdot, m)   time derivative, and the quantities with peaks
@@ -8,7 +9,7 @@
 //   final(t, x, c -> e)            values at the end
 //   objective(r, p -> J)           costs, from r = (integrals, peaks, final values)
 //
-// If there are TABLES, `tables.hpp` comes next; if there are EVENTS, see `events.hpp`:
+// With EVENTS, see `events.hpp`:
 //
 //   guards(t, x, c, xdot -> g, rate)   an event fires where its guard is above zero; rates along xdot
 //   values(t, x, c -> g, speed)        guards without rates; for each of GAPS, an upper bound of its closing speed
@@ -35,11 +36,11 @@ enum { CURSORS = G::rows_row };
 #ifdef WITH_EVENTS
 enum { GAPS = G::values_speed };
 #endif
-// Members of a struct whose number depends on the scene.
+// Array in a struct, whose length depends on the scene.
 #define ROW(type, name, number) type name[number]
 #define THREE_ROWS(type, name, number) type name[3][number]
-#define EXHAUSTED false
-// A stage of the method. Each has code of its own, in which the tableau's numbers are constants.
+#define OUT_OF_MEMORY false
+// Stage of the method. The code of each stage is separate, so that the tableau's numbers are constants.
 template <int S> struct Stage {
   constexpr operator int() const { return S; }
 };
@@ -61,29 +62,29 @@ struct Job {
   const double* p;                  // (count, NP)
   const double* noise;              // (count, noises), random numbers
   int64_t noises;
-  const double* scale;              // (NX), one over how far each state may go from where it begins
+  const double* scale;              // (NX), inverse of the maximum distance of each state from its initial value
   double* x;                        // (count, samples, NX) or null
   double* y;                        // (count, samples, rows) or null
-  const int64_t* row;               // (rows), which outputs to record
+  const int64_t* row;               // (rows), indices of the outputs to record
   int64_t rows;
   double* r;                        // (count, NR)
   double* cost;                     // (count, NJ)
   double* error;                    // (count) or null: largest estimate of a step's error in any state
   double* reached;                  // (count), time of the last good state
-  int64_t* done;                    // (count), steps done
-  int64_t* fate;                    // (count), how each ended
-  int64_t most;                     // events to be told of each rollout
-  int64_t* fired;                   // (count), events in all
-  int64_t* event;                   // (count, most), which
+  int64_t* done;                    // (count), number of completed steps
+  int64_t* status;                  // (count), a Status
+  int64_t most;                     // maximum number of recorded events of each rollout
+  int64_t* fired;                   // (count), number of events, recorded or not
+  int64_t* event;                   // (count, most), indices of the recorded events
   double* when;                     // (count, most), and their times
   double* jump;                     // (count, most, 2, NX) or null: states before and after each
-  int64_t* doubt;                   // (count, 2): why a gradient may not hold, and at which event
-  int64_t backwards;                // truth where events at one instant fire in the other order
-  int64_t located;                  // truth where derivatives of peaks are those between steps
-  const volatile int32_t* stop;     // leave early when this becomes non-zero
+  int64_t* gradient_warning;        // (count, 2): a GradientWarning, and the index of its event
+  int64_t backwards;                // whether coincident events fire in the reverse order
+  int64_t located;                  // whether derivatives of peaks are those between steps
+  const volatile int32_t* stop;     // the loops return early when this is not zero
 #ifdef COMMUNICATION
-  int64_t cut;                      // sample that a communication point within its interval replaces, or -1
-  double point;                     // and when that is, s
+  int64_t cut;                      // sample that is replaced by a communication point within its interval, or -1
+  double point;                     // time of that communication point, s
   double time(int64_t sample) const { return sample == cut ? point : double(sample * every) * h; }
 #else
   double time(int64_t sample) const { return double(sample * every) * h; }
@@ -91,14 +92,14 @@ struct Job {
 };
 
 INLINE bool any(real condition) {
-  bool found = false;
-  for (int l = 0; l < LANES; ++l) found |= lane(condition, l) != 0;
-  return found;
+  bool holds = false;
+  for (int l = 0; l < LANES; ++l) holds |= lane(condition, l) != 0;
+  return holds;
 }
 
 INLINE void copy(real* to, const real* from, int number) { std::memcpy(to, from, number * sizeof(real)); }
 
-// One row of parameters into each lane; lanes beyond the last row hold copies of it.
+// Copy one row of parameters to each lane; lanes beyond the last row get copies of it.
 static void gather(const double* rows, int64_t first, int64_t count, int width, real* to) {
   for (int l = 0; l < LANES; ++l) {
     const int64_t i = first + l < count ? first + l : count - 1;
@@ -141,7 +142,7 @@ struct Watch {
   ROW(real, on, FINES + 1);            // time at which each of FINE was turned on
   ROW(real, off, FINES + 1);           // estimated time at which it turns off, from its guards
   real graded;                         // whether the step is shortened because one of these times is near
-  real began;                          // sensitivities: derivative of the time at which an event began the segment
+  real begin_slope;                    // sensitivities: derivative of the time at which an event began the segment
 };
 #endif
 
@@ -154,14 +155,14 @@ struct Position {
   int passed[LANES];  // number of jumps that each lane has passed
 #ifdef WITH_TABLES
   ROW(real, row, CURSORS);  // rows in the windows
-  real turned;              // whether they may have changed
+  real stale;              // whether these rows may have changed
 #endif
 #ifdef WITH_EVENTS
   Watch watch;
 #endif
 };
 
-// Steps around each peak: two before it, its own, two after it. Their number and time, and what competes at each.
+// Steps around each peak: two before it, its own, two after it, with their numbers, times and values of m.
 enum { BEFORE = 1, OWN, AFTER, AROUND = 5 };
 struct Vicinity {
   ROW(real, m, AROUND * NM + 1);
@@ -172,7 +173,7 @@ struct Vicinity {
   real last_t[2], last_step[2];
 };
 
-// What it has come to. `jump` holds the jumps' times, `order` those that each lane meets, in turn.
+// Rollouts of a group of lanes up to the present step. jump: times of the jumps. order: jumps of each lane by time.
 struct Trajectory {
   Position now;
   ROW(real, c, NC + 1);
@@ -186,16 +187,16 @@ struct Trajectory {
   int jumps[LANES];
   real done, reached, whole;
   const double* noise[LANES];  // random numbers of each lane
-  int64_t first, fate[LANES];  // which rollout the first lane's is; how each ended
+  int64_t first, status[LANES];  // index of the first lane's rollout; Status of each
 #ifdef WITH_EVENTS
-  int64_t fired[LANES], doubt[LANES], doubted[LANES];  // events; why gradients may not hold, at which event
+  int64_t fired[LANES], gradient_warning[LANES], warned_event[LANES];  // events; why gradients may not hold, at which event
 #endif
   ROW(real, error, NX);  // largest estimate of a step's error in each state
   ROW(real, size, NX);   // largest size of each state
 };
 
-// How a rollout ended: at its last sample, lost, by an event, or with too many events.
-enum Fate { COMPLETED, DIVERGED, ENDED, CHATTERING };
+// End of a rollout: at its last sample, out of bounds, by an event, or by too many events.
+enum Status { COMPLETED, DIVERGED, ENDED, CHATTERING };
 
 // Set the constants of a lane to its side of each jump.
 static void set_sides(Trajectory& at, int l) {
@@ -243,10 +244,10 @@ static void grade(const Job& job, Trajectory& at, int l) {
   lane(w.graded, l) = 0.;
   for (int f = 0; f < FINES; ++f) {
     if (lane(w.mode[FINE[f]], l) == 0) continue;
-    const double own = FINE_STEP[f] * job.finer;
-    const double h = ::fmin(job.h, own), window = FINE_GROW[f] * (own < INFINITY ? own : job.h);
-    const double behind = lane(s.t, l) - lane(w.on[f], l), ahead = ::fmax(lane(w.off[f], l) - lane(s.t, l), 0.);
-    const double near = ::fmin(behind, ahead) / window, least = h / window * (h / window);
+    const double finest = FINE_STEP[f] * job.finer;
+    const double h = ::fmin(job.h, finest), window = FINE_GROW[f] * (finest < INFINITY ? finest : job.h);
+    const double since = lane(s.t, l) - lane(w.on[f], l), ahead = ::fmax(lane(w.off[f], l) - lane(s.t, l), 0.);
+    const double near = ::fmin(since, ahead) / window, least = h / window * (h / window);
     double part = 1.;
     while (part > least && part * part * part > near * near) part /= 2;
     if (lane(s.h, l) > h * part * (1 + 1e-9)) lane(s.h, l) = h * part, lane(w.graded, l) = 1.;
@@ -268,7 +269,7 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
     lane(at.c[JUMP[int(lane(s.to, l))]], l) = -INFINITY;
     ++at.now.passed[l];
 #ifdef WITH_TABLES
-    lane(at.now.turned, l) = 1.;
+    lane(at.now.stale, l) = 1.;
 #endif
 #ifdef WITH_EVENTS
     lane(at.now.watch.fresh, l) = 1.;
@@ -291,14 +292,14 @@ static void next_segment(const Job& job, Trajectory& at, int l) {
   grade(job, at, l);
 }
 
-// Count the accepted step in the lanes that `moved`, and prepare the next one of the sample interval.
-INLINE void advance(const Job& job, Trajectory& at, real moved) {
+// Count the step in the lanes in which it was `accepted`, and prepare the next one of the sample interval.
+INLINE void advance(const Job& job, Trajectory& at, real accepted) {
   Step& s = at.now.step;
-  s.index = s.index + moved;
+  s.index = s.index + accepted;
   const real over = s.index >= s.number, t = select(over, s.end, s.begin + s.index * s.h);
-  s.t = EVENTS ? select(moved, t, s.t) : t;
+  s.t = EVENTS ? select(accepted, t, s.t) : t;
   for (int l = 0; FINES && l < LANES; ++l)
-    if (lane(moved, l) != 0 && lane(over, l) == 0) grade(job, at, l);
+    if (lane(accepted, l) != 0 && lane(over, l) == 0) grade(job, at, l);
   if (!any(over)) return;
   const double until = job.time(at.now.interval);
   for (int l = 0; l < LANES; ++l) {
@@ -336,7 +337,7 @@ INLINE void combine(S s, real h, const real* __restrict x, const real* __restric
 // Forward sensitivities of a step whose start and length depend on the parameters. The state is (x, x', integrals,
 // integrals') with ' the derivative along the lane's direction, and c[RATE] is the derivative of time. The stages' slopes k
 // carry the derivative at fixed h; from X = x + h sum w_j k_j the length adds dh sum w_j k_j to X'.
-template <bool SHARED, class S> INLINE void shear(S s, real dh, const real* __restrict k, real* __restrict to) {
+template <bool SHARED, class S> INLINE void add_length_derivative(S s, real dh, const real* __restrict k, real* __restrict to) {
   const int n = (NX - INTEGRALS) / 2, m = INTEGRALS / 2;
   for (int i = 0; i < n + m; ++i) {
     const int from = i < n ? i : i + n, dashed = i < n ? i + n : i + n + m;
@@ -349,13 +350,13 @@ template <bool SHARED, class S> INLINE void shear(S s, real dh, const real* __re
 }
 
 // Derivatives of a step's start time and length: with the ends t0 and t1 of its segment, h = (t1 - t0) / N, t = t0 + i h.
-static void moved(const Trajectory& at, real& dt, real& dh) {
+static void step_time_sensitivity(const Trajectory& at, real& dt, real& dh) {
   const Step& s = at.now.step;
   for (int l = 0; l < LANES; ++l) {
     const int from = int(lane(s.from, l)), to = int(lane(s.to, l));
     double begin = from >= 0 && JUMP_SLOPE[from] >= 0 ? lane(at.c[JUMP_SLOPE[from]], l) : 0.;
 #ifdef WITH_EVENTS
-    if (from == HERE) begin = lane(at.now.watch.began, l);
+    if (from == HERE) begin = lane(at.now.watch.begin_slope, l);
 #endif
     const double end = to >= 0 && JUMP_SLOPE[to] >= 0 ? lane(at.c[JUMP_SLOPE[to]], l) : 0.;
     lane(dh, l) = (end - begin) / lane(s.number, l);
@@ -376,7 +377,7 @@ INLINE void stages(Last last, Trajectory& at, real dt, real dh, const real* x, r
     const real t[1] = {now.t + method.C[s] * now.h};
     if (s > 0) combine<SHARED>(s, now.h, x, k, stage);
 #ifdef WITH_RATE
-    if (s > 0 && RATE >= 0) shear<SHARED>(s, dh, k, stage);
+    if (s > 0 && RATE >= 0) add_length_derivative<SHARED>(s, dh, k, stage);
     if (RATE >= 0) at.c[RATE] = dt + method.C[s] * dh;
 #endif
     G::dynamics(t, s > 0 ? stage : x, at.c, k + place_of<SHARED>(s), s > 0 ? ignored : m);
@@ -400,7 +401,7 @@ INLINE void step(Last last, Trajectory& at, const real* x, real* k, real* m, rea
   stages<SHARED>(last, at, dt, dh, x, k, m);
   combine<SHARED>(SOLUTION, at.now.step.h, x, k, sum);
 #ifdef WITH_RATE
-  if (RATE >= 0) shear<SHARED>(SOLUTION, dh, k, sum), at.c[RATE] = 0.;
+  if (RATE >= 0) add_length_derivative<SHARED>(SOLUTION, dh, k, sum), at.c[RATE] = 0.;
 #endif
   G::normalise(sum, next);
 }
@@ -409,18 +410,18 @@ template <bool SHARED, class Last>
 INLINE void step(Last last, Trajectory& at, const real* x, real* k, real* m, real* next) {
   real dt = 0., dh = 0.;
 #ifdef WITH_RATE
-  if (RATE >= 0) moved(at, dt, dh);
+  if (RATE >= 0) step_time_sensitivity(at, dt, dh);
 #endif
   step<SHARED>(last, at, x, k, m, next, dt, dh);
 }
 
-// Record the estimated error of a step of length h to `next` in the lanes that `took` it.
-static void note_error(Trajectory& at, real h, const real* k, const real* next, real took) {
+// Record the estimated error of a step of length h to `next` in the lanes in which it was `accepted`.
+static void record_error(Trajectory& at, real h, const real* k, const real* next, real accepted) {
   for (int i = 0; i < NX - INTEGRALS; ++i) {
     real sum = 0.;
     for (int s = 0; s < method.TOTAL; ++s) sum = sum + method.E[s] * k[place_of<false>(s) + i];
-    at.error[i] = select(took, fmax(at.error[i], fabs(h * sum)), at.error[i]);
-    at.size[i] = select(took, fmax(at.size[i], fabs(next[i])), at.size[i]);
+    at.error[i] = select(accepted, fmax(at.error[i], fabs(h * sum)), at.error[i]);
+    at.size[i] = select(accepted, fmax(at.size[i], fabs(next[i])), at.size[i]);
   }
 }
 

@@ -1,13 +1,13 @@
-// Windows into tables. c holds tables of rows of equal width, and a window of each, which the functions above see instead:
+// Windows into tables. c has tables of rows of equal width, and a window of each, which the functions above read instead:
 //
-//   rows(t, x, c -> row)   row of each cursor, as numbers from 0 on
+//   rows(t, x, c -> row)   row of each cursor, numbered from 0
 //
-// Rows change at jumps and events alone. TABLE_CURSOR, TABLE_FIRST, TABLE_WINDOW and TABLE_WIDTH tell of each table which
-// cursor it has, where its first row and its window lie in c, and how wide they are. An event's update sees what was
-// shown before it. Where TABLE_NOISE is not -1 it tells where the rows begin among the random numbers of a rollout, which
-// no function sees.
+// Rows change only at jumps and events. TABLE_CURSOR is the cursor of each table, TABLE_FIRST and TABLE_WINDOW are the
+// indices in c of its first row and of its window, TABLE_WIDTH is their width. An event's update reads the rows from before
+// the event. If TABLE_NOISE is not -1, the rows are random numbers of a rollout, which no function reads, and it is the
+// index of the first.
 
-// Let the windows of lane l show its rows, and derivatives along its direction likewise.
+// Fill the windows of lane l with its rows, and with their derivatives along its direction.
 static void fill(Trajectory& at, int l) {
   for (int i = 0; i < TABLES; ++i) {
     if (TABLE_NOISE[i] >= 0) {
@@ -27,17 +27,17 @@ static void fill(Trajectory& at, int l) {
   }
 }
 
-// Find the rows of the lanes where they may have changed.
+// Update the rows of the lanes in which they may have changed.
 INLINE void look_up(Trajectory& at) {
   Position& now = at.now;
-  if (!any(now.turned)) return;
+  if (!any(now.stale)) return;
   real row[CURSORS];
   const real t[1] = {now.step.t};
   G::rows(t, now.x, at.c, row);
   for (int l = 0; l < LANES; ++l) {
-    if (lane(now.turned, l) == 0) continue;
+    if (lane(now.stale, l) == 0) continue;
     for (int k = 0; k < CURSORS; ++k) lane(now.row[k], l) = lane(row[k], l);
     fill(at, l);
   }
-  now.turned = 0.;
+  now.stale = 0.;
 }
