@@ -24,11 +24,11 @@ extern "C" void repeat(const real* const* arg, real* const* res, int64_t calls) 
   for (int64_t i = 0; i < calls; ++i) call_aba(arg, res);
 }
 """
-"""Calls the function without Python in between, whose share would flatter the slope."""
+"""Repeated calls of the function without Python, whose constant share would reduce the slope."""
 
 
 def rows() -> list[Row]:
-    """One row for each robot, and the slope of cost over links."""
+    """One row for each robot, and the slope of cost over links in a log-log plot."""
     table, cost = [], {}
     for links in LINKS:
         model = pin.buildModelFromXML(planar_arm_urdf(links=links), pin.JointModelPlanar())

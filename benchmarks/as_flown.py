@@ -1,8 +1,8 @@
 """Figures of docs/validation/as_flown.md from the folders of its campaigns.
 
 ``python -m benchmarks.as_flown out/docking out/captures`` writes docs/images/docking_as_flown.png and
-docs/images/capture_as_flown.png. ``python -m benchmarks.as_flown engines`` simulates them, whole, by
-both engines (ten minutes), and prints by how much their states differ.
+docs/images/capture_as_flown.png. ``python -m benchmarks.as_flown engines`` simulates the scenarios and
+``examples/capture-rendezvous.yaml`` by both engines (ten minutes), and prints differences of their states.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ IMAGES = Path(__file__).parents[1] / "docs" / "images"
 
 
 def spreads(folder: Path, metrics: tuple[str, ...]) -> list[SampleSpread]:
-    """Samples of metrics of a campaign that were captured, those of each grasp apart."""
+    """Metrics of the captured samples of a campaign, separately for each grasp."""
     table = []
     with xr.open_dataset(folder / "campaign.nc") as data:
         captured = data["captured"].isel(gains=0).values > 0
@@ -46,7 +46,7 @@ def spreads(folder: Path, metrics: tuple[str, ...]) -> list[SampleSpread]:
 
 @styled
 def shares(folder: Path, metrics: tuple[str, ...]) -> Figure:
-    """Total Sobol' indices of metrics, a group of bars for each parameter; missing values count as zero."""
+    """Bars of the total Sobol' indices of metrics, grouped by parameter; missing values count as zero."""
     with xr.open_dataset(folder / "campaign.nc") as data:
         names = [str(name) for name in data.parameter.values]
         values = {
@@ -68,9 +68,9 @@ def shares(folder: Path, metrics: tuple[str, ...]) -> Figure:
 
 
 def compare_engines(name: str) -> str:
-    """Largest difference of any state at any sample between the engines, and of the times of events.
+    """Largest differences of states at the samples and of the times of events between the engines, in words.
 
-    Of a state that exceeds 1 in its unit, as the work of actuators, relative to its largest value.
+    The difference of a state that exceeds 1 in its unit is divided by the largest value of that state.
     """
     settings = {"step": 0.005, "output_step": 0.25, "tolerance": 1e-11}
     changes = {f"simulation.{key}": value for key, value in settings.items()}
@@ -79,13 +79,13 @@ def compare_engines(name: str) -> str:
         for engine in ("casadi", "pinocchio")
     )
     count = min(ours.data.sizes["time"], theirs.data.sizes["time"])
-    apart = 0.0
+    difference = 0.0
     for key in "qvz":
         one, other = (each.data[key].values[:count] for each in (ours, theirs))
-        apart = max(apart, float((abs(one - other) / np.maximum(1, abs(one).max(axis=0))).max()))
+        difference = max(difference, float((abs(one - other) / np.maximum(1, abs(one).max(axis=0))).max()))
     times = [[event["time_s"] for event in each.summary["events"]] for each in (ours, theirs)]
     late = max(abs(one - other) for one, other in zip(*times, strict=True))
-    states = f"{count} samples, states differ by at most {apart:.1e}"
+    states = f"{count} samples, states differ by at most {difference:.1e}"
     return f"{name}: {states}, {len(times[0])} events by {late:.1e} s"
 
 

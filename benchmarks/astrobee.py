@@ -41,7 +41,7 @@ APPROACH = {
 
 
 def approach_cost(context: Any) -> dict[str, Any]:
-    """Distance of tip and bar, and their misalignment, in parts of what a capture allows."""
+    """Distance of tip and bar relative to 0.3 m, plus their misalignment relative to 2 rad, by grasp."""
     gaps, turns = (context.signal(name) for name in ("grasp_gap", "grasp_misalignment"))
     return {
         name: (ca.sqrt(ca.sumsqr(gap) + GAP**2) - GAP) / 0.3
@@ -64,7 +64,7 @@ sr.register_quantity(
 
 
 def network(seed: int) -> dict[str, np.ndarray]:
-    """Random weights; those of the last layer are small, so that the first commands are."""
+    """Random weights; those of the last layer are small, so that the first commands are small."""
     rng, named = np.random.default_rng(seed), {}
     for k, (before, after) in enumerate(itertools.pairwise(SIZES)):
         gain = 0.1 if k == len(SIZES) - 2 else 1.0
@@ -74,7 +74,7 @@ def network(seed: int) -> dict[str, np.ndarray]:
 
 
 def prepared(out: Path, weights: dict[str, np.ndarray]) -> Path:
-    """Scenario in a folder of its own, with these weights."""
+    """Scenario file in a new folder, with these weights."""
     out.mkdir(parents=True, exist_ok=True)
     for name in FILES:
         shutil.copy(EXAMPLES / name, out / name)
@@ -83,14 +83,14 @@ def prepared(out: Path, weights: dict[str, np.ndarray]) -> Path:
 
 
 def approach(file: Path, duration: float) -> sr.Scene:
-    """Scene of the approach alone, without an end: the network acts, nothing else."""
+    """Scene of the approach without its end, with the network as the only controller."""
     policy = yaml.safe_load(file.read_text())["robots"]["flyer"]["controllers"]["policy"]
     changes = {"robots.flyer.controllers": {"policy": policy}, "simulation.duration": duration}
     return sr.load_scene(file, APPROACH | changes)
 
 
 def draws(scene: sr.Scene, count: int, rng: np.random.Generator) -> tuple[list[str], np.ndarray]:
-    """Paths of the uncertain numbers, and values drawn of them (count, n)."""
+    """Paths of the uncertain numbers, and random values of them (count, n)."""
     parameters = scene.scenario.campaign.parameters.values()
     low, high = (np.array([getattr(one, key) for one in parameters]) for key in ("lower", "upper"))
     return [one.paths[0] for one in parameters], rng.uniform(low, high, (count, len(low)))
@@ -158,7 +158,7 @@ OBSERVATIONS = (
     "grasp_gap",
     "grasp_misalignment",
 )
-"""Outputs in world axes (31 numbers), of which :func:`network_inputs` makes the inputs of the network."""
+"""Outputs in world axes (31 numbers), from which :func:`network_inputs` computes the network's inputs."""
 CARGO_MASS, CARGO_INERTIA, BAR = 5.0, np.array([0.042, 0.042, 0.036]), np.array([-0.205, 0, 0])
 """Mass [kg] and inertia [kg m^2] of the cylinder, and the place of its bar [m]: grapple_cylinder.urdf."""
 PERIOD = 0.1
@@ -190,8 +190,8 @@ def network_inputs(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def environments(file: Path, count: int, duration: float) -> Any:
     """Environments of the approach whose observations and actions are those of the network.
 
-    Observations are its inputs. Actions are what its last layer gives before the tanh, so that a policy of
-    PPO has the same limits of torque, force and base torque, in the same axes.
+    Observations are the network's inputs. Actions are the values of its last layer before the tanh, so that a
+    policy of PPO has the same limits of torque, force and base torque, in the same axes.
     """
     from gymnasium.spaces import Box
     from stable_baselines3.common.vec_env import VecEnvWrapper
@@ -214,7 +214,7 @@ def environments(file: Path, count: int, duration: float) -> Any:
     )
 
     class NetworkAxes(VecEnvWrapper):
-        """Observations, actions and rewards in the network's terms."""
+        """Wrapper with the network's inputs as observations, its commands as actions, and the reward."""
 
         def __init__(self) -> None:
             spaces = (Box(-np.inf, np.inf, (SIZES[0],)), Box(-3.0, 3.0, (SIZES[-1],)))
@@ -252,7 +252,7 @@ def environments(file: Path, count: int, duration: float) -> Any:
 
 
 def ppo(out: Path, steps: int) -> None:
-    """Train the same network by PPO, with observations and rewards normalised, for a number of steps."""
+    """Train the same network by PPO with normalised observations and rewards, for a number of steps."""
     import torch
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
@@ -265,7 +265,7 @@ def ppo(out: Path, steps: int) -> None:
     log, captures = [], []
 
     class Progress(BaseCallback):
-        """Log of the training, and the network so far."""
+        """Callback that logs the training and writes the present network."""
 
         def _on_step(self) -> bool:
             captures.extend(
@@ -325,20 +325,22 @@ WIDE = {
     for axis in "xyz"
     for end, sign in (("lower", -1), ("upper", 1))
 } | {"campaign.parameters.distance.lower": 1.2, "campaign.parameters.distance.upper": 2.0}
-"""Draws as wide as those of mjorbit: 0.4 rad/s about each axis, 1.2 to 2 m."""
+"""Ranges of the draws of mjorbit: 0.4 rad/s about each axis, 1.2 to 2 m."""
 
 
 def evaluate(out: Path, samples: int) -> None:
-    """Campaigns of the scenario in a folder, on draws of another seed than those of training."""
+    """Run campaigns of the scenario in a folder, on draws of another seed than those of training."""
     for name, changes in (("drawn", {}), ("wide", WIDE)):
         seeded = {"campaign.samples": samples, "campaign.seed": 4711}
         begin, used = time.perf_counter(), time.process_time()
-        done = sr.campaign(sr.load_scene(out / "astrobee.yaml", seeded | changes), out / name)
+        campaign = sr.campaign(sr.load_scene(out / "astrobee.yaml", seeded | changes), out / name)
         spent = {"wall_s": time.perf_counter() - begin, "cpu_s": time.process_time() - used}
-        found = done.summary["gains"]["scenario"]
-        text = json.dumps({"spent": spent, "of": done.summary["of"]} | dict(found), indent=1, default=str)
+        statistics = campaign.summary["gains"]["scenario"]
+        text = json.dumps(
+            {"spent": spent, "of": campaign.summary["of"]} | dict(statistics), indent=1, default=str
+        )
         (out / f"{name}.json").write_text(text)
-        print(name, spent, found["captured"], flush=True)
+        print(name, spent, statistics["captured"], flush=True)
 
 
 PLAN = {
@@ -352,7 +354,7 @@ PLAN = {
 
 
 def follow(out: Path, samples: int) -> None:
-    """Plan for the scenario's own numbers, and fly the plan with feedback on every draw."""
+    """Plan for the nominal numbers, and follow the plan with feedback on every draw."""
     file = prepared(out, network(seed=1))
     document = yaml.safe_load(file.read_text())
     controllers = document["robots"]["flyer"]["controllers"]
@@ -362,8 +364,12 @@ def follow(out: Path, samples: int) -> None:
     sr.plan(sr.load_scene(file, changes | {"campaign": None}), out / "plan")
     print({"wall_s": time.perf_counter() - begin, "cpu_s": time.process_time() - used})
     section = document["campaign"] | {"samples": samples, "seed": 4711}
-    done = sr.campaign(sr.load_scene(out / "plan" / "followed.yaml", {"campaign": section}), out / "followed")
-    (out / "followed.json").write_text(json.dumps(done.summary["gains"]["scenario"], indent=1, default=str))
+    campaign = sr.campaign(
+        sr.load_scene(out / "plan" / "followed.yaml", {"campaign": section}), out / "followed"
+    )
+    (out / "followed.json").write_text(
+        json.dumps(campaign.summary["gains"]["scenario"], indent=1, default=str)
+    )
 
 
 REPLANNED = {
@@ -385,7 +391,7 @@ LEAD = {
 
 
 def mpc(out: Path, samples: int) -> None:
-    """Plan again in each second of each of the draws, by model predictive control."""
+    """Run a campaign under model predictive control, with a plan every two seconds."""
     file = prepared(out, network(seed=1))
     document = yaml.safe_load(file.read_text())
     controllers = document["robots"]["flyer"]["controllers"] | {"lead": LEAD}
@@ -397,11 +403,11 @@ def mpc(out: Path, samples: int) -> None:
         "campaign": document["campaign"] | {"samples": samples, "seed": 4711},
     }
     begin, used = time.perf_counter(), spent_s()
-    done = sr.campaign(sr.load_scene(file, changes), out / "replanned")
+    campaign = sr.campaign(sr.load_scene(file, changes), out / "replanned")
     spent = {"wall_s": time.perf_counter() - begin, "cpu_s": spent_s() - used}
-    found = {"spent": spent, **done.summary["gains"]["scenario"]}
-    (out / "replanned.json").write_text(json.dumps(found, indent=1, default=str))
-    print(spent, found["captured"])
+    statistics = {"spent": spent, **campaign.summary["gains"]["scenario"]}
+    (out / "replanned.json").write_text(json.dumps(statistics, indent=1, default=str))
+    print(spent, statistics["captured"])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A campaign of the paper's scenario, store and all, against the bare batch of the same rollouts."""
+"""Campaign of the paper's scenario, including its store, against a batch of the same rollouts."""
 
 from __future__ import annotations
 
@@ -16,55 +16,55 @@ from spacerobot.compiled import usable_cores
 from spacerobot.scene import Scene, load_scene
 
 SAMPLES = 2048
-"""Enough for a first chunk, from which the rate is learnt, and two that are sized by it."""
+"""Number of samples: a first chunk, from which the rate is measured, and two chunks of the size it gives."""
 
 PAIRS = 3
-KEPT_AT_LEAST = 0.9
+MIN_RATIO = 0.9
 BUILDING, ROLLING, MERGING = "building and compiling", "rolling out", "merging"
 
 
 @dataclass(frozen=True)
-class Spent:
-    """Time on the clock, and of all processors together [s]."""
+class Times:
+    """Wall time, and processor time of all threads together [s]."""
 
     clock: float
     processor: float
 
     @classmethod
-    def now(cls) -> Spent:
-        """Since some moment in the past."""
+    def now(cls) -> Times:
+        """Present readings of both clocks."""
         return cls(time.perf_counter(), time.process_time())
 
-    def since(self, earlier: Spent) -> Spent:
-        """From then to now."""
-        return Spent(self.clock - earlier.clock, self.processor - earlier.processor)
+    def since(self, earlier: Times) -> Times:
+        """Times between an earlier reading and this one."""
+        return Times(self.clock - earlier.clock, self.processor - earlier.processor)
 
 
 def row() -> Row:
-    """Rollouts a second of the shipped campaign, and how much of the bare batch's rate it keeps.
+    """Row: rollouts per second of the shipped campaign, relative to those of the batch.
 
-    Counted is the time on the clock, since a campaign may lose it to threads that wait, from the first
-    rollout to the last chunk on disk; building and merging are told apart from it. Where others use the
-    cores too, the processor time in the note is the steadier number, but it does not see threads wait.
+    The rate is by wall time, which includes waiting threads, from the first rollout to the last chunk on
+    disk; building and merging are stated separately. On a shared machine the ratio of processor times in the
+    note scatters less, but it does not include waiting.
     """
     scene = load_scene("paper", {"campaign.samples": SAMPLES})
     evaluator = build_evaluator(scene)
     draws, rollouts = all_draws(evaluator), SAMPLES * len(evaluator.members)
     _bare(evaluator, draws[:256])
-    phases: list[dict[str, Spent]] = []
-    bare: list[Spent] = []
+    phases: list[dict[str, Times]] = []
+    bare: list[Times] = []
     for pair in range(PAIRS):
         for campaign_now in (pair % 2 == 0, pair % 2 == 1):
             if campaign_now:
                 phases.append(_phases(scene))
             else:
                 bare.append(_bare(evaluator, draws))
-    rolling = [spent[ROLLING] for spent in phases]
-    metrics, worked = (
+    rolling = [times[ROLLING] for times in phases]
+    ratio, processor_ratio = (
         statistics.median(getattr(b, name) / getattr(c, name) for b, c in zip(bare, rolling, strict=True))
         for name in ("clock", "processor")
     )
-    rate, bare_rate = (rollouts / statistics.median(s.clock for s in spent) for spent in (rolling, bare))
+    rate, bare_rate = (rollouts / statistics.median(s.clock for s in times) for times in (rolling, bare))
     building, merging = (statistics.median(s[name].clock for s in phases) for name in (BUILDING, MERGING))
     rollout = evaluator.members[0].rollout
     how = f"{rollout.kernel.method.name} at {rollout.grid.step_s * 1e3:g} ms"
@@ -73,38 +73,38 @@ def row() -> Row:
         "bare batch of the same rollouts",
         f"{rate:.0f} rollouts/s",
         f"{bare_rate:.0f} rollouts/s",
-        metrics,
-        f"at least {KEPT_AT_LEAST:g} of it",
-        metrics >= KEPT_AT_LEAST,
-        f"{how}; by processor time {worked:.3f}; "
+        ratio,
+        f"at least {MIN_RATIO:g} of it",
+        ratio >= MIN_RATIO,
+        f"{how}; by processor time {processor_ratio:.3f}; "
         f"in addition building {building:.1f} s, merging {merging:.2f} s",
         {
-            "kept_by_processor_time": worked,
-            "rolling_s": [spent.clock for spent in rolling],
-            "bare_s": [spent.clock for spent in bare],
+            "ratio_by_processor_time": processor_ratio,
+            "rolling_s": [each.clock for each in rolling],
+            "bare_s": [each.clock for each in bare],
             "building_s": building,
             "merging_s": merging,
         },
     )
 
 
-def _phases(scene: Scene) -> dict[str, Spent]:
-    """Resources that each phase of a campaign takes, in a store of its own."""
-    phases: list[tuple[str, Spent]] = []
+def _phases(scene: Scene) -> dict[str, Times]:
+    """Times of each phase of a campaign with a new store."""
+    phases: list[tuple[str, Times]] = []
 
     def note(now: CampaignProgress) -> None:
         if not now.total:
-            phases.append((now.phase, Spent.now()))
+            phases.append((now.phase, Times.now()))
 
     with tempfile.TemporaryDirectory() as folder:
         run_campaign(scene, Path(folder) / "campaign", progress=note)
-        phases.append(("end", Spent.now()))
+        phases.append(("end", Times.now()))
     return {phase: later.since(at) for (phase, at), (_, later) in itertools.pairwise(phases)}
 
 
-def _bare(evaluator: CampaignEvaluator, draws: Array) -> Spent:
-    """The same rollouts and measures in one batch for each set of gains, nothing kept."""
-    begin = Spent.now()
+def _bare(evaluator: CampaignEvaluator, draws: Array) -> Times:
+    """Times of the same rollouts and measures in one batch for each set of gains, without a store."""
+    begin = Times.now()
     for member in evaluator.members:
         member.rollout.batch(member.space.paths, member.space.values(draws))
-    return Spent.now().since(begin)
+    return Times.now().since(begin)

@@ -22,7 +22,7 @@ REFERENCE = '#include <regex>\nbool f(const char* s) { return std::regex_match(s
 
 
 def rows() -> list[Row]:
-    """One row for what `run` compiles, one for what a gradient compiles beside it."""
+    """One row for the loop that `run` compiles, one for the loop with a cost and its adjoint."""
     toolchain = find_toolchain()
     if toolchain is None:
         return [Row("compilation of the servicer", "a fixed C++ file", "", note="not measured: no compiler")]
@@ -70,7 +70,7 @@ def rows() -> list[Row]:
 
 
 def _time_of(job: Callable[[], object]) -> tuple[float, float]:
-    """Processor time of the processes that a job starts and ends, and time on the clock [s]."""
+    """Processor time of a job's child processes that have ended, and wall time of the job [s]."""
 
     def children_s() -> float:
         usage = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -1,4 +1,4 @@
-"""Jacobian of one step with a contact, compiled, beside times that Le Lidec et al. publish.
+"""Jacobian of one step with a contact, compiled, against published times of Le Lidec et al.
 
 Le Lidec et al. (2024), End-to-end and highly efficient differentiable simulation for robotics, arXiv
 2409.07107, state 5 us for an arm of 7 degrees of freedom and 95 us for a robot of 36, for the derivatives of
@@ -30,7 +30,7 @@ from spacerobot.scene import Scene, build_scene
 STEP_S = 1e-3
 CALLS = 200
 PUBLISHED_S = {7: 5e-6, 36: 95e-6}
-"""Their times by the number of degrees of freedom [s]."""
+"""Published times by the number of degrees of freedom [s]."""
 LIMBS, JOINTS = 5, 6
 REPEAT = """
 extern "C" void repeat(const real* const* arg, real* const* res, int64_t calls) {
@@ -45,7 +45,7 @@ _JOINT = """<joint name="j{name}" type="revolute"><parent link="{parent}"/><chil
 
 
 def rows() -> list[Row]:
-    """Row of the arm and of the tree."""
+    """Rows of the arm and of the tree."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         arm = find_urdf("panda_arm.urdf").read_text(encoding="utf-8")
@@ -59,7 +59,7 @@ def rows() -> list[Row]:
 
 
 def _tree() -> str:
-    """URDF of a base with five limbs of six joints: 36 degrees of freedom where it floats."""
+    """URDF of a base with five limbs of six joints: 36 degrees of freedom with a floating base."""
     parts = [_LINK.format(name="base", mass=20)]
     for limb in range(LIMBS):
         parent = "base"
@@ -73,7 +73,7 @@ def _tree() -> str:
 
 
 def _scene(folder: Path, urdf: str, base: str, link: str) -> Scene:
-    """Scene of a robot whose last link a plane touches."""
+    """Scene of a robot whose last link touches a plane."""
     document: dict[str, Any] = {
         "name": "touching",
         "robots": {"robot": {"urdf": urdf, "base": {"joint": base}, "tips": {link: {}}}},
@@ -97,7 +97,7 @@ def _scene(folder: Path, urdf: str, base: str, link: str) -> Scene:
     source = folder / "scenario.yaml"
     source.write_text(yaml.safe_dump(document), encoding="utf-8")
     scene = build_scene(validate(document, source=source), {}, source=source)
-    # the plane is moved to where the last link is, one millimetre deep
+    # the plane is moved to the last link, one millimetre deep
     loop, _ = build_commanded_loop(scene, ["robot"])
     x, c = loop.setup(loop.parameter_values)
     tip = dict(zip(loop.outputs.name_out(), loop.outputs(0, x, loop.at(0, x, c)), strict=True))[
@@ -110,7 +110,7 @@ def _scene(folder: Path, urdf: str, base: str, link: str) -> Scene:
 
 
 def _measured(scene: Scene) -> Row:
-    """Time of the Jacobian of a semi-implicit Euler step by position, velocity and torques."""
+    """Row of the Jacobian of a semi-implicit Euler step by position, velocity and torques."""
     loop, commands = build_commanded_loop(scene, ["robot"])
     nq, nv = loop.nq, loop.nv
     x, c = ca.SX.sym("x", loop.nx), ca.SX.sym("c", loop.dynamics.size1_in("c"))
@@ -119,19 +119,19 @@ def _measured(scene: Scene) -> Row:
     start = start.full().ravel()
     acceleration = loop.dynamics(0.0, x, c)[nq : nq + nv]
     v = x[nq : nq + nv] + STEP_S * acceleration
-    moved = loop.dynamics(0.0, ca.vertcat(x[:nq], v, x[nq + nv :]), c)[:nq]
-    step = ca.vertcat(x[:nq] + STEP_S * moved, v)
+    rates = loop.dynamics(0.0, ca.vertcat(x[:nq], v, x[nq + nv :]), c)[:nq]
+    step = ca.vertcat(x[:nq] + STEP_S * rates, v)
     places = _places(loop, commands)
     jacobian = ca.jacobian(step, ca.vertcat(x[: nq + nv], c[places]))
     function = ca.Function("jacobian", [x, c], [ca.densify(ca.cse(jacobian))], ["x", "c"], ["J"])
     library = compile_functions({"jacobian": function}, tail=REPEAT)
     result = np.empty(function.numel_out(0))
-    given = [start, constants]
-    arguments = (ctypes.c_void_p * 2)(*[values.ctypes.data for values in given])
+    point = [start, constants]
+    arguments = (ctypes.c_void_p * 2)(*[values.ctypes.data for values in point])
     results = (ctypes.c_void_p * 1)(result.ctypes.data)
     repeat = library.entry("repeat")
     repeat(arguments, results, ctypes.c_int64(1))
-    error = _difference(step, (x, c), given, places, result.reshape(-1, nq + nv).T)
+    error = _difference(step, (x, c), point, places, result.reshape(-1, nq + nv).T)
     seconds = min(cpu_time_of(lambda: repeat(arguments, results, ctypes.c_int64(CALLS))) for _ in range(15))
     seconds /= CALLS
     published = PUBLISHED_S[nv]
@@ -149,14 +149,14 @@ def _measured(scene: Scene) -> Row:
 
 
 def _places(loop: ClosedLoop, commands: Sequence[CommandInput]) -> list[int]:
-    """Places in c of the commanded torques."""
-    _, still = loop.setup(loop.parameter_values)
+    """Indices in c of the commanded torques."""
+    _, nominal = loop.setup(loop.parameter_values)
     places = []
     for command in commands:
         values = np.array(loop.parameter_values, dtype=float)
         values[loop.index(command.path)] += 1.0
-        _, moved = loop.setup(values)
-        places += [int(place) for place in np.flatnonzero((moved - still).full().ravel())]
+        _, changed = loop.setup(values)
+        places += [int(place) for place in np.flatnonzero((changed - nominal).full().ravel())]
     return places
 
 
@@ -170,8 +170,8 @@ def _difference(
     for column, (which, k) in enumerate(columns):
         ends = []
         for sign in (1, -1):
-            moved = [values.copy() for values in point]
-            moved[which][k] += sign * width
-            ends.append(function(*moved).full().ravel())
+            shifted = [values.copy() for values in point]
+            shifted[which][k] += sign * width
+            ends.append(function(*shifted).full().ravel())
         difference[:, column] = (ends[0] - ends[1]) / (2 * width)
     return float(np.abs(jacobian - difference).max() / np.abs(jacobian).max())

@@ -1,4 +1,4 @@
-"""A planned reach of the free-floating arm: our transcription against crocoddyl's feasible DDP."""
+"""Planned reach of the free-floating arm: our transcription against crocoddyl's feasible DDP."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from spacerobot.scene import load_scene
 REACH = Path(__file__).resolve().parents[1] / "examples" / "reach.yaml"
 ORDER, INTERVALS, COARSE, KNOTS = 6, 16, 5, 50
 PENALTY = 1e6
-"""Weight of the goal's squares in DDP, which knows no conditions at the end."""
+"""Weight of the goal's squared error in DDP, which has no terminal constraints."""
 SAME_COST = 1e-3
-"""Difference of costs, relative, up to which two optima are called the same."""
+"""Largest relative difference of the costs of two solutions that count as the same optimum."""
 TURNS = 3
 
 
 def measured() -> Row:
-    """The row, from a process of its own: a crocoddyl that was built for another Pinocchio crashes."""
+    """Row measured in a separate process, since a crocoddyl that was built for another Pinocchio crashes."""
     here = "a reach planned", "crocoddyl, feasible DDP", ""
     if importlib.util.find_spec("crocoddyl") is None:
         return Row(*here, note="not measured: `pip install crocoddyl` (its wheel 3.2.1 wants pin 4.0)")
@@ -47,9 +47,9 @@ def measured() -> Row:
 
 
 def row() -> Row:
-    """Torques, and base rotation and translation, squared, are small; the tip ends in a pose at rest.
+    """Row: the cost has squares of torques and of the base's motion; the tip ends in a pose, at rest.
 
-    Joints are without resistance, which crocoddyl does not know.
+    Joints are without damping, which crocoddyl's dynamics do not have.
     """
     import crocoddyl
 
@@ -60,20 +60,21 @@ def row() -> Row:
         initial_guess(problem, lobatto, COARSE),
     )
     scale = CollocationProgram(problem, instants, lobatto, COARSE).objective(first.unknowns)
-    rival = Rival(crocoddyl, problem, KNOTS)
+    baseline = Baseline(crocoddyl, problem, KNOTS)
     results: dict[str, Any] = {}
 
     def ours() -> None:
         results["ours"] = solve_from(first, program, scale=scale)
 
-    times = paired(ours, rival.solve, turns=TURNS)
+    times = paired(ours, baseline.solve, turns=TURNS)
     coarse, fine = results["ours"]
     cost = program.objective(fine.w)
-    apart = abs(cost - rival.cost) / cost
-    same = fine.converged and rival.converged and apart <= SAME_COST
+    difference = abs(cost - baseline.cost) / cost
+    same = fine.converged and baseline.converged and difference <= SAME_COST
     note = (
-        f"begun on {COARSE} intervals; {coarse.iterations} + {fine.iterations} and {rival.iterations} "
-        f"iterations; costs {cost:.7f} and {rival.cost:.7f}; theirs {rival.miss:.1e} m or rad off its goal"
+        f"first on {COARSE} intervals; {coarse.iterations} + {fine.iterations} and {baseline.iterations} "
+        f"iterations; costs {cost:.7f} and {baseline.cost:.7f}; "
+        f"theirs {baseline.miss:.1e} m or rad off its goal"
     )
     return Row(
         f"a reach planned, {INTERVALS} intervals of order {ORDER}, {program.size} unknowns",
@@ -82,33 +83,35 @@ def row() -> Row:
         f"{times.second_s:.3f} s",
         times.ratio,
         note=note if same else f"not the same optimum; {note}",
-        numbers={"costs": (cost, rival.cost)},
+        numbers={"costs": (cost, baseline.cost)},
     )
 
 
-class Rival:
-    """The same problem for crocoddyl, torques straight lines within each step, the goal by penalties.
+class Baseline:
+    """The same problem for crocoddyl, with torques linear within each step and penalties for the goal.
 
-    It begins with no torque, which it takes better than our guess: from that it is not done after 300 steps.
+    The first guess has no torque. From our guess it has not converged after 300 iterations.
 
     Args:
         crocoddyl: The module.
-        problem: What is solved; its base floats on a planar joint.
-        intervals: Steps of it.
+        problem: Planning problem, whose base floats on a planar joint.
+        intervals: Number of steps.
     """
 
     def __init__(self, crocoddyl: Any, problem: PlanningProblem, intervals: int) -> None:
         self.crocoddyl, self._problem = crocoddyl, problem
         model = pin.Model(problem.stage.scene.model)
-        model.names[1] = "root_joint"  # by which crocoddyl knows a base that nothing drives
+        model.names[1] = "root_joint"  # crocoddyl's name of an unactuated base
         self._model = model
         self._state = crocoddyl.StateMultibody(model)
-        self._driven = crocoddyl.ActuationModelFloatingBase(self._state)
+        self._actuation = crocoddyl.ActuationModelFloatingBase(self._state)
         self._tip = problem.stage.scene.tips[0].frame
         length = problem.duration[2] / intervals
-        control = crocoddyl.ControlParametrizationModelPolyOne(self._driven.nu)
-        step = crocoddyl.IntegratedActionModelRK(self._moving(), control, crocoddyl.RKType.four, length)
-        end = crocoddyl.IntegratedActionModelEuler(self._end(), 0.0)
+        control = crocoddyl.ControlParametrizationModelPolyOne(self._actuation.nu)
+        step = crocoddyl.IntegratedActionModelRK(
+            self._running_model(), control, crocoddyl.RKType.four, length
+        )
+        end = crocoddyl.IntegratedActionModelEuler(self._terminal_model(), 0.0)
         shooting = crocoddyl.ShootingProblem(problem.fixed, [step] * intervals, end)
         self._solver = crocoddyl.SolverFDDP(shooting)
         self._solver.th_stop = 1e-10
@@ -116,29 +119,29 @@ class Rival:
         self._first = (list(shooting.rollout(still)), still)
 
     def solve(self) -> None:
-        """Solve it from its guess."""
+        """Solve the problem from the first guess."""
         self.converged = bool(self._solver.solve(*self._first, 1000, True))
 
     @property
     def iterations(self) -> int:
-        """How many it took."""
+        """Number of iterations."""
         return int(self._solver.iter)
 
     @property
     def cost(self) -> float:
-        """Without the penalties."""
+        """Cost without the penalties."""
         return float(sum(data.cost for data in self._solver.problem.runningDatas))
 
     @property
     def miss(self) -> float:
-        """How far the tip ends from its goal [m or rad], or moves then [m/s or rad/s], at most."""
+        """Largest error of the tip's final pose [m or rad] or velocity [m/s or rad/s]."""
         costs = self._solver.problem.terminalData.differential.costs.costs
         residuals = costs["pose"].residual.r, costs["rest"].residual.r[self._state.nv :]
         return max(float(np.abs(residual).max()) for residual in residuals)
 
-    def _moving(self) -> Any:
-        """Dynamics and running cost."""
-        crocoddyl, problem, state, nu = self.crocoddyl, self._problem, self._state, self._driven.nu
+    def _running_model(self) -> Any:
+        """Action model of the dynamics and the running cost."""
+        crocoddyl, problem, state, nu = self.crocoddyl, self._problem, self._state, self._actuation.nu
         costs, model = crocoddyl.CostModelSum(state, nu), state.pinocchio
         base = model.getFrameId(problem.stage.scene.model.names[1])
         data = model.createData()
@@ -152,26 +155,26 @@ class Rival:
         for name, weight in problem.weights.items():
             if weight:  # crocoddyl halves the squares
                 costs.addCost(name, crocoddyl.CostModelResidual(state, terms[name]), 2 * weight)
-        return crocoddyl.DifferentialActionModelFreeFwdDynamics(state, self._driven, costs)
+        return crocoddyl.DifferentialActionModelFreeFwdDynamics(state, self._actuation, costs)
 
-    def _end(self) -> Any:
-        """Penalties of the goal."""
-        crocoddyl, state, nu = self.crocoddyl, self._state, self._driven.nu
+    def _terminal_model(self) -> Any:
+        """Action model of the goal's penalties."""
+        crocoddyl, state, nu = self.crocoddyl, self._state, self._actuation.nu
         goal = self._problem.stage.scene.scenario.plan.goals["there"]
         pose = pin.SE3(np.eye(3), np.array(goal.position, dtype=float))
         costs = crocoddyl.CostModelSum(state, nu)
-        placed = crocoddyl.ResidualModelFramePlacement(state, self._tip, pose, nu)
+        pose_error = crocoddyl.ResidualModelFramePlacement(state, self._tip, pose, nu)
         still: Array = np.zeros(state.nx)
         still[: state.nq] = self._problem.fixed[: state.nq]
         weights = np.repeat([0.0, 1.0], state.nv)
-        resting = crocoddyl.CostModelResidual(
+        rest_cost = crocoddyl.CostModelResidual(
             state,
             crocoddyl.ActivationModelWeightedQuad(weights),
             crocoddyl.ResidualModelState(state, still, nu),
         )
-        costs.addCost("pose", crocoddyl.CostModelResidual(state, placed), PENALTY)
-        costs.addCost("rest", resting, PENALTY)
-        return crocoddyl.DifferentialActionModelFreeFwdDynamics(state, self._driven, costs)
+        costs.addCost("pose", crocoddyl.CostModelResidual(state, pose_error), PENALTY)
+        costs.addCost("rest", rest_cost, PENALTY)
+        return crocoddyl.DifferentialActionModelFreeFwdDynamics(state, self._actuation, costs)
 
 
 if __name__ == "__main__":

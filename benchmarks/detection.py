@@ -1,4 +1,4 @@
-"""Failed joints that momentum observers detect and brake: ``python -m benchmarks.detection``.
+"""Failed joints that momentum observers detect: ``python -m benchmarks.detection``.
 
 Prints the table of docs/validation/failures.md: the paper's 16 joints, free or with half torque from 2 s on.
 """
@@ -25,9 +25,9 @@ OBSERVER = {
 
 
 def cell(robot: str = "", joint: str = "", mode: str = "") -> str:
-    """Tip error [mm], base rotation [deg], joint torque [N m], all greatest, and delay of each alarm [s].
+    """Largest tip error [mm], base rotation [deg] and joint torque [N m], and delay of each alarm [s].
 
-    Without a robot nothing fails. An alarm of a joint that has not failed has the delay nan.
+    Without a robot no joint fails. The delay of a false alarm is nan.
     """
     actuators = {name: {"observer": dict(OBSERVER)} for name in ROBOTS}
     if robot:
@@ -41,8 +41,8 @@ def cell(robot: str = "", joint: str = "", mode: str = "") -> str:
         return f"lost at {result.summary['status']['reached_s']:.1f} s"
     data, events = result.data, result.summary["events"]
     tips = 1e3 * float(np.linalg.norm(data.tip_error.values, axis=-1).max())
-    turned = np.degrees(float(np.abs(data.body_rotation.values[..., 2]).max()))
-    text = f"{tips:.1f} / {turned:.0f} / {float(np.abs(data.joint_torque.values).max()):.0f}"
+    rotation = np.degrees(float(np.abs(data.body_rotation.values[..., 2]).max()))
+    text = f"{tips:.1f} / {rotation:.0f} / {float(np.abs(data.joint_torque.values).max()):.0f}"
     alarms = [event.get("delay_s", np.nan) for event in events if event["kind"] == "detected"]
     return " / ".join([text, *(f"{delay:.2f}" for delay in alarms)])
 

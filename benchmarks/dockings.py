@@ -1,6 +1,6 @@
-"""Small random changes of the scenario ``docking``: how many are planned, and how long that takes.
+"""Plans of ``docking`` after small random changes: number of successes, and processor time.
 
-Run by itself by ``python -m benchmarks dockings``: twenty plans in one process.
+``python -m benchmarks dockings`` makes twenty plans in one process.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ DRAWS, SEED, TARGET_S = 20, 0, 5.0
 
 
 def changes(rng: np.random.Generator) -> Mapping[str, float]:
-    """Changes of pose, motion and mass of the object, uniform: 50 mm, 5 deg, 2 mm/s, 0.5 deg/s, 20 %."""
+    """Uniform changes of the object's pose, motion and mass: up to 50 mm, 5 deg, 2 mm/s, 0.5 deg/s, 20 %."""
     u = rng.uniform(-1, 1, 7)
     return {
         "target.base.position.0": 0.88 + 0.05 * u[0],
@@ -34,7 +34,7 @@ def changes(rng: np.random.Generator) -> Mapping[str, float]:
 
 
 def rows() -> list[Row]:
-    """One row: the median of the processor times, scenes and verification included."""
+    """One row: median processor time of a plan, including the scene and the verification."""
     rng = np.random.default_rng(SEED)
     times, intervals, iterations, faults = list[float](), list[int](), list[int](), list[str]()
     for _ in range(DRAWS):
@@ -47,13 +47,13 @@ def rows() -> list[Row]:
             intervals.append(plan.motion.intervals)
             iterations.append(sum(one.iterations for one in plan.runs))
         times.append(time.process_time() - begin)
-    median, planned = statistics.median(times), DRAWS - len(faults)
+    median, count = statistics.median(times), DRAWS - len(faults)
     median_iterations = statistics.median(iterations or [0])
     return [
         Row(
             f"`docking` planned after small changes of pose, motion and mass, {DRAWS} draws",
             "",
-            f"{planned} of {DRAWS}, {median:.2g} s of processor time each (at most {max(times):.3g} s)",
+            f"{count} of {DRAWS}, {median:.2g} s of processor time each (at most {max(times):.3g} s)",
             target=f"all, at most {TARGET_S:g} s",
             met=not faults and median <= TARGET_S,
             note=f"up to {max(intervals, default=0)} intervals; {median_iterations:g} iterations",

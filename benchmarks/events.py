@@ -1,4 +1,4 @@
-"""Dockings whose events are located, against the same with their events at fixed times."""
+"""Gradient of a docking through events, and dockings with located events against events at fixed times."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ VARIED = "target.links.body.mass"
 
 
 def rows() -> list[Row]:
-    """Both rows."""
-    # a gradient through events, two of them at one instant, against a rollout
+    """Row of a batch against one with events at fixed times, and row of a gradient against a rollout."""
+    # gradient through events, two of them coincident, against a rollout
     scene, duration_s = load_scene("docking"), 20.0
     loop = build_closed_loop(scene)
     signals = Signals.of(loop)
@@ -41,23 +41,23 @@ def rows() -> list[Row]:
         f"{alone.ratio:.2f} with one order; status: {status}",
         {"one_order_ratio": alone.ratio},
     )
-    # a batch of the shipped docking against one that switches, by jumps, where the nominal one does
+    # batch of the shipped docking against one that switches by jumps at the events of the nominal rollout
     duration_s = scene.scenario.simulation.duration
     located = _rollout(loop, duration_s)
     mass = located.values()[located.indices([VARIED])[0]]
     values = mass * np.linspace(0.98, 1.02, COUNT)[:, None]
     nominal = located.run()
-    ended = nominal.ended_at_s or duration_s
-    fixed = _rollout(_fixed(loop, nominal), ended)
+    end_s = nominal.ended_at_s or duration_s
+    fixed = _rollout(_fixed(loop, nominal), end_s)
     batch = fixed.batch((VARIED,), values, threads=1)
     if np.isfinite(batch.diverged_at_s).any():
-        raise DivergedError("a docking that is switched at fixed times is lost")
+        raise DivergedError("a docking with events at fixed times diverges")
     times = paired(
         lambda: located.batch((VARIED,), values, threads=1),
         lambda: fixed.batch((VARIED,), values, threads=1),
     )
     what = f"a batch of {COUNT} dockings with about {len(nominal.events)} events each"
-    note = f"tanaka6 at {STEP * 1e3:g} ms, one thread, {ended:.4g} s"
+    note = f"tanaka6 at {STEP * 1e3:g} ms, one thread, {end_s:.4g} s"
     names = what, "the same, switched at fixed times"
     return [at_most(MOST, names, times, note, count=COUNT), gradient]
 
@@ -70,19 +70,19 @@ def _rollout(
 
 
 def _fixed(loop: ClosedLoop, nominal: Trajectory) -> ClosedLoop:
-    """The closed loop with its switches and its memory set at given times as they were."""
+    """Closed loop whose switches and discrete states jump to their nominal values at the nominal times."""
     count, nc = len(nominal.events), loop.setup.numel_out(1)
     t, x, c = ca.SX.sym("t"), ca.SX.sym("x", loop.nx), ca.SX.sym("c", nc + count)
     state, inner = ca.SX(x), ca.SX(c[:nc])
     rates = ca.SX(loop.dynamics(t, x, inner))
     memory, switches = [i for i in range(loop.nx) if rates[i].is_zero()], list(loop.switches)
-    for k, here in enumerate(nominal.events):
+    for k, event in enumerate(nominal.events):
         ahead = t < c[nc + k]
-        state[memory] = ca.if_else(ahead, state[memory], here.after[memory])
-        inner[switches] = ca.if_else(ahead, inner[switches], here.switches)
+        state[memory] = ca.if_else(ahead, state[memory], event.after[memory])
+        inner[switches] = ca.if_else(ahead, inner[switches], event.switches)
     p = ca.SX.sym("p", len(loop.parameter_paths))
     x0, c0 = loop.setup(p)
-    instants = np.array([here.time_s for here in nominal.events])
+    instants = np.array([event.time_s for event in nominal.events])
     at, rates = {"t": t, "x": x, "c": c}, loop.dynamics(t, state, inner)
     outputs = loop.outputs(t, state, inner)
     return replace(

@@ -1,18 +1,17 @@
-"""Failed joints of the paper's robots and of the servicer: ``python -m benchmarks.failures``.
+"""Failed joints of the paper's robots and of the servicer: ``python -m benchmarks.failures [TABLE ...]``.
 
-Prints the tables of docs/validation/failures.md; one of them by its name, ``python -m benchmarks.failures
-servicer``:
+Prints the tables of docs/validation/failures.md, or those that are named:
 
 paper
-    16 joints that lock, swing free or keep half their torque at 2 s, the last two also with a brake for
+    16 joints that lock, swing freely or keep half their torque from 2 s on, the last two also with a brake of
     the failed joint 0.1 s later.
 reach
-    What is left of each arm with one joint locked: smallest singular value of the other joints' Jacobian,
-    and how far the tip stays from where it has to be.
+    Each arm with one joint locked: distance of the tip from its required position, and smallest singular
+    value of the other joints' Jacobian.
 servicer
-    14 joints during the capture, failing as those of the paper: 5 s before their arm's grasp closes, about.
+    14 joints that fail as those of the paper, about 5 s before their arm's grasp closes.
 instant
-    Probability that the paper's robots succeed, against the instant of the failure, with its slope.
+    Probability that the paper's robots succeed, over the instant of the failure, with its slope.
 crossings
     The same at one instant with all crossings of the limit by the lines of line sampling.
 """
@@ -43,13 +42,13 @@ COLUMNS = {
     "half torque": ("weak", False),
     "half torque, braked": ("weak", True),
 }
-NEVER = 1e6  # s, of failures that do not happen
+NEVER = 1e6  # time of failures that do not occur, s
 ARMS = {"left": 5.0, "right": 22.0}
 """Instants of failures of the servicer's arms [s]; they capture at 10.05 and 28.26 s if nothing fails."""
 
 
 def cell(robot: str | None, joint: str, mode: str, *, braked: bool) -> str:
-    """Greatest tip error [mm], rotation of a base [deg] and joint torque [N m]; or when it diverged."""
+    """Largest tip error [mm], base rotation [deg] and joint torque [N m]; or the time of divergence."""
     failure = {"kind": "joint_failure", "joint": joint, "mode": mode, "at": FAILED_S}
     brake = {"brake": {"kind": "joint_failure", "joint": joint, "mode": "locked", "at": BRAKED_S}}
     actuators = {"failure": failure} | (brake if braked else {})
@@ -59,8 +58,8 @@ def cell(robot: str | None, joint: str, mode: str, *, braked: bool) -> str:
     if status["state"] != "completed" or not status["trusted"]:
         return f"lost at {status['reached_s']:.1f} s" if status["state"] == "diverged" else "lost"
     tips = 1e3 * float(np.linalg.norm(data.tip_error.values, axis=-1).max())
-    turned = np.degrees(float(np.abs(data.body_rotation.values[..., 2]).max()))
-    return f"{tips:.1f} / {turned:.0f} / {float(np.abs(data.joint_torque.values).max()):.0f}"
+    rotation = np.degrees(float(np.abs(data.body_rotation.values[..., 2]).max()))
+    return f"{tips:.1f} / {rotation:.0f} / {float(np.abs(data.joint_torque.values).max()):.0f}"
 
 
 def paper() -> None:
@@ -76,12 +75,12 @@ def paper() -> None:
 
 @dataclass(frozen=True)
 class LockedArm:
-    """An arm with one joint locked, its base where it is nominally.
+    """Arm with one joint locked, on a base with its nominal motion.
 
     Attributes:
         model, frame: The scene's model, and the tip's frame.
         joints: Ids of the arm's joints.
-        rows: Components of the tip's motion that matter, of six, world axes.
+        rows: Indices of the required components of the tip's motion, of six, world axes.
     """
 
     model: Any
@@ -90,12 +89,12 @@ class LockedArm:
     rows: Sequence[int]
 
     def remaining(self, q: Array, failed: Array, locked: int, starts: int = 40) -> tuple[Array, float]:
-        """Error (n,) to the tip's pose at q, and the smallest singular value there.
+        """Smallest error (n,) to the tip's pose at q, and the smallest singular value there.
 
         Args:
-            q, failed: Configurations (nq,): nominal, and where the joint failed.
-            locked: Number of the joint among the arm's; the others are solved for.
-            starts: Of the search, at most: the present posture, then random ones.
+            q, failed: Configurations (nq,): nominal, and at the instant of the failure.
+            locked: Index of the locked joint among the arm's; the others are solved for.
+            starts: Maximum number of starts of the search: the nominal posture, then random ones.
         """
         model, data = self.model, self.model.createData()
         pin.framesForwardKinematics(model, data, q)
@@ -112,8 +111,8 @@ class LockedArm:
         def missing(angles: Array) -> Array:
             pin.framesForwardKinematics(model, data, posture(angles))
             solution = data.oMf[self.frame]
-            turned = pin.log3(solution.rotation @ goal.rotation.T)
-            return np.concatenate([solution.translation - goal.translation, turned])[list(self.rows)]
+            rotation = pin.log3(solution.rotation @ goal.rotation.T)
+            return np.concatenate([solution.translation - goal.translation, rotation])[list(self.rows)]
 
         rng = np.random.default_rng(0)
         tries = [np.zeros(len(free_joints)), *rng.uniform(-2.5, 2.5, (starts - 1, len(free_joints)))]
@@ -140,7 +139,7 @@ def arm_of(scene: Scene, tip: str, prefix: str, rows: Sequence[int]) -> LockedAr
 
 
 def reach() -> None:
-    """Print what is left of each arm where it has to be, the circle or the capture, with a joint locked."""
+    """Print the tip errors on the circle or at the capture that each arm has with a joint locked."""
     scene = sr.load_scene("paper")
     data = sr.simulate(scene).data
     print(*markdown_head(["joint", "farthest from the circle, mm", "smallest singular value, m"]), sep="\n")
@@ -148,12 +147,12 @@ def reach() -> None:
         arm = arm_of(scene, f"{robot}/tip", f"{robot}/joint_", (0, 1))
         for number in range(8):
             failed = data.q.sel(time=FAILED_S, method="nearest").values
-            found = [
+            remainders = [
                 arm.remaining(data.q.sel(time=t, method="nearest").values, failed, number)
                 for t in np.arange(FAILED_S, 10.01, 0.5)
             ]
-            off = 1e3 * max(float(np.linalg.norm(one[0])) for one in found)
-            smallest = min(one[1] for one in found)
+            off = 1e3 * max(float(np.linalg.norm(one[0])) for one in remainders)
+            smallest = min(one[1] for one in remainders)
             print(f"| {robot}/joint_{number + 1} | {off:.3f} | {smallest:.2f} |", flush=True)
     scene = sr.load_scene("capture")
     result = sr.simulate(scene)
@@ -170,7 +169,7 @@ def reach() -> None:
 
 
 def servicer() -> None:
-    """Print the table of the servicer's joints: all failures of an arm are one closed loop and one batch."""
+    """Print the table of the servicer's joints; all failures of an arm are one batch of one closed loop."""
     quantities = ["capture_time", "lateral_miss", "miss_distance", "base_rotation_peak", "joint_torque_peak"]
     print(*markdown_head(["joint", *COLUMNS]), sep="\n")
     for side, at in ARMS.items():
@@ -199,16 +198,16 @@ def servicer() -> None:
             print(f"| {side}_joint_{number} | " + " | ".join(own_cells) + " |", flush=True)
 
 
-def capture_cell(found: Any, side: str) -> str:
-    """Tip error [mm] at the capture, base rotation [deg], joint torque [N m]; * if the other arm misses."""
-    if np.isfinite(found.diverged_at):
-        return f"lost at {float(found.diverged_at):.0f} s"
-    turned, torque = float(found.base_rotation_peak[0]), float(found.joint_torque_peak.max())
-    rest = f"{turned:.0f} / {torque:.0f}"
-    if np.isnan(found.capture_time.sel(capture_time_of=side)):
-        return f"missed by {1e3 * float(found.miss_distance.sel(miss_distance_of=side)):.0f} / {rest}"
-    other = "" if bool(np.isfinite(found.capture_time).all()) else " *"
-    return f"{1e3 * float(found.lateral_miss.sel(lateral_miss_of=side)):.1f} / {rest}{other}"
+def capture_cell(sample: Any, side: str) -> str:
+    """Tip error at the capture [mm], base rotation [deg], joint torque [N m]; * if the other arm misses."""
+    if np.isfinite(sample.diverged_at):
+        return f"lost at {float(sample.diverged_at):.0f} s"
+    rotation, torque = float(sample.base_rotation_peak[0]), float(sample.joint_torque_peak.max())
+    rest = f"{rotation:.0f} / {torque:.0f}"
+    if np.isnan(sample.capture_time.sel(capture_time_of=side)):
+        return f"missed by {1e3 * float(sample.miss_distance.sel(miss_distance_of=side)):.0f} / {rest}"
+    other = "" if bool(np.isfinite(sample.capture_time).all()) else " *"
+    return f"{1e3 * float(sample.lateral_miss.sel(lateral_miss_of=side)):.1f} / {rest}{other}"
 
 
 ROBOT, JOINT, MODE, LIMIT_M = "rpr1", "joint_3", "weak", 4e-3
@@ -219,7 +218,7 @@ GRAZED_S, PARTS, DIFFERENCES_S = 4.8, 240, (2.5e-3, 1e-2)
 
 @dataclass(frozen=True)
 class FailureInstant:
-    """Limit state of a scene whose last uncertain parameter, the instant of a failure, is given."""
+    """Limit state of a scene at a value of its last uncertain parameter, the instant of a failure."""
 
     state: RolloutLimitState
     at: float
@@ -232,8 +231,8 @@ class FailureInstant:
 
     def values(self, z: Array) -> Array:
         """Limit minus the quantity (N,)."""
-        found = self.state.limit - self.state.quantities(self.draws(z)[0])
-        return np.where(np.isnan(found), -self.state.limit * 1e3, found)
+        values = self.state.limit - self.state.quantities(self.draws(z)[0])
+        return np.where(np.isnan(values), -self.state.limit * 1e3, values)
 
     def gradients(self, z: Array) -> tuple[Array, Array]:
         """Gradients by the scores (N, k), and by the instant (N,)."""
@@ -248,7 +247,7 @@ class FailureInstant:
 
         On each line ``z + r along`` the limit is met at some r_i(t): success is on their left where the
         limit state falls, s_i = 1, on their right where it rises, s_i = -1, so that it has the probability
-        ``sum s_i Phi(r_i)``, and 1 more where it reaches to the end. With ``g(z + r along, t) = 0`` the slope
+        ``sum s_i Phi(r_i)``, plus 1 if the right end is a success. With ``g(z + r along, t) = 0`` the slope
         is ``sum s_i phi(r_i) r_i' = -sum s_i phi(r_i) (dg/dt) / (along . dg/dz)``: that of the estimate
         itself, exact where the gradients are (Lu, Song, Yue and Wang, Structural Safety 30, 2008, who have
         one r on each line).
@@ -256,8 +255,8 @@ class FailureInstant:
         Args:
             z: Points (n, k) of the lines, across their direction.
             along: Unit vector (k,) along which the limit state falls.
-            slope: Whether it is asked for.
-            parts: Number of parts of each line in which the limit is met once at most.
+            slope: Whether the slope is computed.
+            parts: Number of parts of each line, each with at most one crossing of the limit.
         """
 
         def value(r: Array, index: Array) -> Array:
@@ -299,7 +298,7 @@ def instant_state(step_s: float | None = None) -> RolloutLimitState:
 
 
 def lines_of(state: RolloutLimitState) -> tuple[Array, Array]:
-    """Points (n, k) of lines across their direction, and that (k,): the steepest at the middle instant."""
+    """Points (n, k) of lines, and their direction (k,), the steepest descent at the middle instant."""
     k = len(state.names) - 1
     z = np.random.default_rng(0).standard_normal((LINES, k))
     middle = FailureInstant(state, INSTANTS[len(INSTANTS) // 2])
@@ -311,7 +310,7 @@ def lines_of(state: RolloutLimitState) -> tuple[Array, Array]:
 def by_differences(
     state: RolloutLimitState, at: float, step_s: float, *lines: Array, parts: int = 1
 ) -> float:
-    """Slope of P(success) by differences on the same lines [1/s]."""
+    """Slope of P(success) by central differences on the same lines [1/s]."""
     up, down = (
         FailureInstant(state, at + sign * step_s).probability(*lines, slope=False, parts=parts)[0]
         for sign in (1, -1)
@@ -341,7 +340,7 @@ def instant() -> None:
 
 
 def crossings() -> None:
-    """Print the same with all crossings of each line, at an instant at which lines graze the limit."""
+    """Print the table with all crossings of each line, at an instant at which lines graze the limit."""
     lines, head = lines_of(instant_state()), ["step, ms", "P(success)", "slope, 1/s"]
     print(*markdown_head(head + [f"over {2e3 * step_s:g} ms" for step_s in DIFFERENCES_S]), sep="\n")
     for step_s in (1e-2, 2.5e-3):
@@ -362,7 +361,7 @@ TABLES = {
 
 
 def main(names: Sequence[str]) -> None:
-    """Print the tables of these names, all if there is none."""
+    """Print the tables of these names, or all."""
     for name in names or TABLES:
         TABLES[name]()
         print()

@@ -1,4 +1,4 @@
-"""Feasible range of one number of a scenario: optimal cost, use of limits, and least violations."""
+"""Figure of the feasible range of one number of a scenario: optimal cost and use of limits."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 from viz.figures.style import COLOURS, DASHES, Drawing, legend_over, panels, styled
 
-SHOWN = 5
-"""Drives that are drawn: those that come nearest to their limits."""
-REFUSED = "#B00020"
+MAX_DRIVES = 5
+"""Number of drives in the figure, those closest to their limits."""
+INFEASIBLE_COLOUR = "#B00020"
 
 
 @styled
 def feasible_range(data: Mapping[str, Any]) -> Drawing:
-    """Optimal cost with its slopes, and the share of limits that drives use; infeasible values as lines.
+    """Figure of the optimal cost with slopes, and of the drives' use of limits; infeasible values as lines.
 
     Args:
         data: ``scenario``, ``axis`` (label of the number) and ``rows``: for each ``value`` whether it is
@@ -34,13 +34,13 @@ def feasible_range(data: Mapping[str, Any]) -> Drawing:
         label = "slope" if row is good[0] else None
         cost.plot(row["value"] + ends, row["cost"] + row["slope"] * ends, color=COLOURS[2], label=label)
     largest = {name: max(row["used"][name] for row in good) for name in good[0]["used"]}
-    for k, name in enumerate(sorted(largest, key=lambda name: -largest[name])[:SHOWN]):
+    for k, name in enumerate(sorted(largest, key=lambda name: -largest[name])[:MAX_DRIVES]):
         look: dict[str, Any] = {"color": COLOURS[k], "linestyle": DASHES[k % len(DASHES)]}
         use.plot(values, [row["used"][name] for row in good], label=name.rpartition("/")[2], **look)
     for panel in (cost, use):
         for k, row in enumerate(row for row in rows if not row["feasible"]):
             label = "none found" if k == 0 and panel is cost else None
-            panel.axvline(row["value"], color=REFUSED, linewidth=0.9, linestyle=":", label=label)
+            panel.axvline(row["value"], color=INFEASIBLE_COLOUR, linewidth=0.9, linestyle=":", label=label)
         panel.set(xlabel=data["axis"])
     cost.set(ylabel="optimal cost", yscale="log")
     cost.yaxis.set_major_formatter("{x:g}")

@@ -13,34 +13,35 @@ import spacerobot as sr
 from benchmarks.table_row import Row
 
 SCENARIO = Path(__file__).parents[1] / "examples" / "filters.yaml"
-ESTIMATED = {"attitude_nees": 6, "target_nees": 14}
-"""Number of errors that each filter estimates: degrees of freedom of its NEES."""
-COMPARED = ("attitude_nees", "attitude_nis", "target_nees", "target_nis")
-WIDE, ADMITTED = 0.3, 1.0e-3
-"""Initial error of inertia ratios for which the target filter is too confident; density that admits it."""
+NEES_FREEDOMS = {"attitude_nees": 6, "target_nees": 14}
+"""Number of errors that each filter estimates, the degrees of freedom of its NEES."""
+STATISTICS = ("attitude_nees", "attitude_nis", "target_nees", "target_nis")
+WIDE, DENSITY = 0.3, 1.0e-3
+"""Initial error of inertia ratios at which the target filter is overconfident, and spin acceleration density
+that corrects this [rad/s^1.5]."""
 
 
 def rows() -> list[Row]:
-    """Each mean against the 95 % bounds of its chi-squared distribution."""
+    """Rows of each mean against the 95 % bounds of its chi-squared distribution."""
     section = "robots.chaser.estimators.object"
     wide = {f"{section}.inertia": WIDE}
-    table = _compared({}, COMPARED, "initial error of the inertia ratios 3 %", bound=True)
-    table += _compared(wide, ("target_nees",), f"{100 * WIDE:g} %", bound=False)
-    note = f"{100 * WIDE:g} %, spin_acceleration {ADMITTED:g} rad/s^1.5"
-    return table + _compared(
-        wide | {f"{section}.spin_acceleration": ADMITTED}, ("target_nees",), note, bound=False
+    table = _rows({}, STATISTICS, "initial error of the inertia ratios 3 %", bound=True)
+    table += _rows(wide, ("target_nees",), f"{100 * WIDE:g} %", bound=False)
+    note = f"{100 * WIDE:g} %, spin_acceleration {DENSITY:g} rad/s^1.5"
+    return table + _rows(
+        wide | {f"{section}.spin_acceleration": DENSITY}, ("target_nees",), note, bound=False
     )
 
 
-def _compared(changes: dict[str, Any], names: tuple[str, ...], note: str, *, bound: bool) -> list[Row]:
+def _rows(changes: dict[str, Any], names: tuple[str, ...], note: str, *, bound: bool) -> list[Row]:
     """Rows of several metrics of one campaign."""
     with tempfile.TemporaryDirectory() as folder:
         data = sr.campaign(sr.load_scene(SCENARIO, changes), Path(folder) / "campaign").data
         values = {name: np.ravel(data[name].values) for name in names}
         # degrees of freedom of each draw: dropouts leave fewer
         freedoms_of = {
-            name: np.full(len(each), ESTIMATED[name])
-            if name in ESTIMATED
+            name: np.full(len(each), NEES_FREEDOMS[name])
+            if name in NEES_FREEDOMS
             else np.ravel(data[f"{name}_dof"].values)
             for name, each in values.items()
         }

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.flexible [TABLE ...]``: flexible links beside Exudyn and closed forms, and missions.
+"""``python -m benchmarks.flexible [TABLE ...]``: flexible links, Exudyn and closed forms; missions.
 
 Exudyn (``pip install exudyn``) models the beam by ANCF cable elements; without it its column is empty. The
 free hub is a matrix of masses on the first node's coordinates (x, y, slope), exact for small motions.
@@ -65,13 +65,13 @@ def clamped_modes(count: int) -> dict[str, Any]:
 
 
 def beam(segments: int) -> dict[str, Any]:
-    """Section of segments that bend in the plane."""
+    """Section of a beam of segments that bend in the plane."""
     ends = {"end": [LENGTH, 0, 0], "normal": [0, 0, 1], "segments": segments}
     return {"kind": "beam", "link": "beam", "bending_stiffness": STIFFNESS} | ends
 
 
 def satellite(base: str, flexible: Mapping[str, Any]) -> Scene:
-    """Hub and beam."""
+    """Scene of the hub with the beam."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "satellite.yaml"
         (Path(folder) / "satellite.urdf").write_text(URDF, encoding="utf-8")
@@ -82,12 +82,12 @@ def satellite(base: str, flexible: Mapping[str, Any]) -> Scene:
 
 def ours(base: str, flexible: Mapping[str, Any]) -> Array:
     """First two natural frequencies [Hz] of the linearised closed loop."""
-    (found,) = linearise(satellite(base, flexible), backend="interpreted")
-    return np.sort([m.pole.imag / (2 * np.pi) for m in found.modes if m.pole.imag > 1e-2])[:2]
+    (system,) = linearise(satellite(base, flexible), backend="interpreted")
+    return np.sort([m.pole.imag / (2 * np.pi) for m in system.modes if m.pole.imag > 1e-2])[:2]
 
 
 def exudyn(base: str, elements: int = 32) -> Array | None:
-    """The same by Exudyn; None if it is not installed."""
+    """First two natural frequencies [Hz] by Exudyn; None if it is not installed."""
     try:
         import exudyn as exu
         from exudyn.beams import GenerateBeamElementsAlongLine
@@ -102,8 +102,8 @@ def exudyn(base: str, elements: int = 32) -> Array | None:
     line = [OFFSET, 0, 0], [OFFSET + LENGTH, 0, 0], elements, cable
     nodes = GenerateBeamElementsAlongLine(system, *line, groundConstraintsStart=fixed)["nodes"]
     if base != "fixed":
-        moved = np.array([[1, 0, -OFFSET, 0], [0, 1, 0, -OFFSET], [0, 0, 0, 1]])
-        mass = moved.T @ np.diag([HUB_MASS, HUB_MASS, HUB_INERTIA]) @ moved
+        shift = np.array([[1, 0, -OFFSET, 0], [0, 1, 0, -OFFSET], [0, 0, 0, 1]])
+        mass = shift.T @ np.diag([HUB_MASS, HUB_MASS, HUB_INERTIA]) @ shift
         system.AddObject(ObjectGenericODE2(nodeNumbers=[nodes[0]], massMatrix=mass))
     system.Assemble()
     values = system.ComputeODE2Eigenvalues(useSparseSolver=False)[0]
@@ -122,13 +122,13 @@ def frequencies() -> list[str]:
         if base == "planar":
             models |= {f"modes, {n}": clamped_modes(n) for n in (1, 2, 4)}
         for name, section in models.items():
-            found = ours(base, section)
+            computed = ours(base, section)
             if name == "modes, 1":
-                found = found[:1]
-            cells = [f"{value:.5f}" for value in found] + [""] * (2 - len(found))
+                computed = computed[:1]
+            cells = [f"{value:.5f}" for value in computed] + [""] * (2 - len(computed))
             theirs = "" if peer is None else ", ".join(f"{value:.5f}" for value in peer)
-            apart = "" if peer is None else f"{np.abs(found / peer[: len(found)] - 1).max():.1e}"
-            rows.append(f"| {title} | {name} | {' | '.join(cells)} | {theirs} | {apart} |")
+            difference = "" if peer is None else f"{np.abs(computed / peer[: len(computed)] - 1).max():.1e}"
+            rows.append(f"| {title} | {name} | {' | '.join(cells)} | {theirs} | {difference} |")
         if base == "fixed":
             rows.append(f"| clamped | Euler and Bernoulli | {exact[0]:.5f} | {exact[1]:.5f} | | |")
     return rows
@@ -141,8 +141,8 @@ def panel(
 
     Args:
         link: Link of the URDF whose mass includes the panel's.
-        root, along: Where it is attached [m], and the direction from there to its end, axes of the link.
-        mass, length: Of the panel [kg, m].
+        root, along: Position of its root [m], and direction from there to its end, axes of the link.
+        mass, length: Mass [kg] and length [m] of the panel.
         f: Clamped frequency [Hz].
     """
     section = clamped_modes(1)["participation"][0]
@@ -154,32 +154,32 @@ def panel(
 
 
 def norm(values: Array) -> float:
-    """Greatest length of vectors along the last axis."""
+    """Largest norm of vectors along the last axis."""
     return float(np.nanmax(np.linalg.norm(values, axis=-1)))
 
 
 def envisat() -> list[str]:
-    """Envisat captured and brought to rest, with its solar array rigid and flexible."""
+    """Rows of Envisat, captured and stopped, with its solar array rigid and flexible."""
     head = ["array, Hz", "capture, s", "rest, s", "force at the grip, N", "torque at the grip, N m"]
     head += ["servicer turns, deg", "end of the array moves, mm", "in the last 10 s, mm"]
     rows = markdown_head(head)
     for f in (None, 0.2, 0.1, 0.05):
         scene = captor(f)
         data = sr.simulate(scene, backend="interpreted").data
-        time, moved = data["time"].values, ["", ""]
+        time, end_motion = data["time"].values, ["", ""]
         if f:  # the mass-normalised shape is 2 / sqrt(m) at the end
             end = 1e3 * ENDS["Envisat"] * np.abs(data["modal_coordinate"].values)
-            moved = [f"{end.max():.1f}", f"{end[time > time[-1] - 10].max():.1f}"]
+            end_motion = [f"{end.max():.1f}", f"{end[time > time[-1] - 10].max():.1f}"]
         cells = [f"{f:g}" if f else "rigid", f"{np.nanmax(data['grasp_captured_at'].values):.2f}"]
         cells += [f"{time[-1]:.1f}", f"{norm(data['grasp_force'].values):.2f}"]
         cells += [f"{norm(data['grasp_torque'].values):.2f}"]
-        cells += [f"{np.degrees(norm(data['body_rotation'].values[:, 0])):.3f}", *moved]
+        cells += [f"{np.degrees(norm(data['body_rotation'].values[:, 0])):.3f}", *end_motion]
         rows.append(f"| {' | '.join(cells)} |")
     return rows
 
 
 def ets7() -> list[str]:
-    """The chaser with wheels, its panels rigid and flexible: attitude and margins while the hand moves."""
+    """Rows of the chaser with wheels and rigid or flexible panels: attitude and margins as the hand moves."""
     head = ["panels, Hz", "hand error, um", "base turns, mdeg", "turned 8 s after the motion, mdeg"]
     head += ["modes with little damping, Hz", "disk margin about x", "delay margin, s"]
     rows = markdown_head(head)
@@ -198,7 +198,7 @@ def ets7() -> list[str]:
 
 
 def chaser(f: float | None) -> Scene:
-    """ETS-VII's chaser with wheels, its panels at a clamped frequency [Hz], or rigid."""
+    """Scene of ETS-VII's chaser with wheels, and panels with a clamped frequency [Hz], rigid if None."""
     source = find_scenario("ets7")
     document = read_document(source)
     panels = {
@@ -210,14 +210,14 @@ def chaser(f: float | None) -> Scene:
 
 
 def captor(f: float | None) -> Scene:
-    """Envisat and its servicer, the solar array at a clamped frequency [Hz], or rigid."""
+    """Scene of Envisat and its servicer, and an array with a clamped frequency [Hz], rigid if None."""
     array = panel("body", [4.2, 0, -3.4], [1, 0, 0], 340.0, 14.0, f or 1.0)
     changes: dict[str, Any] = {"target.flexible": {"array": array}} if f else {}
     return load_scene("envisat", changes | {"simulation.output_step": FINE_S})
 
 
 def station(rigid: str) -> Scene:
-    """SSRMS of the scenario ``ssrms-flexible``, but for its parts that are rigid."""
+    """Scene of ``ssrms-flexible`` with some of ``booms, joints`` rigid."""
     changes: dict[str, Any] = {"simulation.output_step": FINE_S}
     if "booms" in rigid:
         changes["robots.ssrms.flexible"] = {}
@@ -236,15 +236,15 @@ MISSIONS: tuple[tuple[str, str, tuple[float, ...], Callable[[], Scene]], ...] = 
     ("Envisat", "nothing", (), lambda: captor(None)),
     ("Envisat", "array, 0.05 Hz", (), lambda: captor(0.05)),
 )
-"""Missions, what is flexible, times [s] at which margins of torques are found (if any), and scenes."""
+"""Missions, flexible parts, times [s] at which margins of torques are computed, and scenes."""
 FINE_S = 0.01
-"""Between outputs of missions with captures, whose largest forces last less than 0.1 s."""
+"""Output step of missions with captures, whose largest forces last less than 0.1 s."""
 ENDS = {"ETS-VII": 2 / np.sqrt(60.0), "Envisat": 2 / np.sqrt(340.0)}
 """Deflection of the end of a panel of uniform mass by its mass-normalised coordinate [kg^(-1/2)]."""
 
 
 def missions() -> Iterator[str]:
-    """Each mission rigid and flexible; the cost is the time of a rollout over that of the rigid one."""
+    """Rows of each mission, rigid and flexible; the cost is a rollout's time relative to the rigid one."""
     head = ["mission", "flexible", "capture, s", "tip error, mm", "base turns, mdeg", "joint torque, N m"]
     head += ["force at the grip, N", "torque, N m", "end bends, mm (in the last 5 s)", "at rest, s"]
     yield from markdown_head([*head, "least disk margin", "delay margin, s", "cost"])

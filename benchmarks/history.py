@@ -48,7 +48,7 @@ def load_words() -> str:
 
 
 def commit() -> str:
-    """The commit that is measured, marked where files differ from it."""
+    """Measured commit, marked `dirty` if files differ from it."""
     command = ["git", "describe", "--always", "--dirty"]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
 
@@ -79,7 +79,7 @@ def regressions(rows: Sequence[Row], before: Mapping[str, float]) -> list[str]:
 
 
 def keep(rows: Sequence[Row], measured_on: Mapping[str, Any], path: Path = HISTORY) -> None:
-    """Append an entry with today's date, the commit that was measured, and how busy the machine was.
+    """Append an entry with today's date, the measured commit, and the load average.
 
     A load average of the last quarter of an hour above the cores marks the machine as shared: ratios scatter
     more then.

@@ -1,10 +1,10 @@
 """Identification of a held object: ``python -m benchmarks.identification``.
 
 Prints the tables of docs/validation/identification.md: errors of the ten parameters over noise draws after
-60 s of two motions, beside the standard deviations and the errors of plain least squares on the same data;
-the same of ``examples/excitation.yaml`` with its own motion and the tuned one; and how the object of
-``caught-unknown`` is carried if it is known, assumed, or identified, by feed-forward and by plans made in
-flight.
+60 s of two motions, with the standard deviations and the errors of unweighted least squares on the same
+data; the same for ``examples/excitation.yaml`` with its own motion and the tuned one; and tip errors of
+``caught-unknown`` with a known, assumed or identified object, under feed-forward and under model predictive
+control.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
-def turned(seconds: float) -> dict[str, Any]:
-    """Phases that turn the satellite about one axis after another and back, each in so many seconds."""
+def turning_phases(seconds: float) -> dict[str, Any]:
+    """Phases that turn the satellite about one axis after another and back, each in `seconds`."""
     results = {}
     for k in range(round(60 / seconds)):
         axis, sign = k % len(AXES), 1 - 2 * (k // len(AXES) % 2)
         rotation, way = (sign * np.array(vector) for vector in AXES[axis])
         line = {"kind": "line", "displacement": way.tolist(), "rotation_deg": rotation.tolist()}
-        own = {"reference": line | {"duration": 0.9 * seconds}}
-        results[f"turn_{k}"] = {"target": own, "until": {"time": seconds}}
+        section = {"reference": line | {"duration": 0.9 * seconds}}
+        results[f"turn_{k}"] = {"target": section, "until": {"time": seconds}}
     return results
 
 
@@ -57,21 +57,21 @@ PUBLISHED = sr.SensorNoise(attitude=4.6e-5, rate=1e-6, joint=3.5e-6, joint_rate=
 
 
 def plain(result: sr.Result, seed: int, noise: sr.SensorNoise) -> Array:
-    """Mass, centre of mass and inertia by least squares without weights, from the data of the same draw."""
+    """Mass, centre of mass and inertia by unweighted least squares from the data of the same draw."""
     scene = result.scene()
-    measured = _Momentum(result, scene, *_held(scene), result.array("time") >= 0)
-    deviation = np.sqrt(measured.variances(noise))
+    momentum = _Momentum(result, scene, *_held(scene), result.array("time") >= 0)
+    deviation = np.sqrt(momentum.variances(noise))
     random_numbers = np.random.Generator(np.random.Philox(seed)).normal(
-        size=(len(measured.states), len(deviation))
+        size=(len(momentum.states), len(deviation))
     )
     states = [
-        measured.moved(x, deviation * each) for x, each in zip(measured.states, random_numbers, strict=True)
+        momentum.moved(x, deviation * each) for x, each in zip(momentum.states, random_numbers, strict=True)
     ]
-    return _named(_regression(measured, states, np.zeros_like(deviation))[0][:10])
+    return _named(_regression(momentum, states, np.zeros_like(deviation))[0][:10])
 
 
 def accuracy(what: str, result: sr.Result, noise: sr.SensorNoise | None = None) -> None:
-    """Print the errors that one motion leaves."""
+    """Print the errors of identifications from one motion."""
     noise = noise or sr.SensorNoise()
     identifications = [sr.identify(result, noise=noise, seed=seed) for seed in range(DRAWS)]
     truth = identifications[0].truth
@@ -94,14 +94,14 @@ def accuracy(what: str, result: sr.Result, noise: sr.SensorNoise | None = None) 
 
 
 def turns(seconds: float) -> sr.Result:
-    """Simulation of 60 s of turns, each in so many seconds."""
+    """Simulation of 60 s of turns, each in `seconds`."""
     times = {"duration": 60, "step": 0.05, "output_step": 0.1}
-    changes = HEAVIER | {"simulation": times, "phases": turned(seconds)}
+    changes = HEAVIER | {"simulation": times, "phases": turning_phases(seconds)}
     return sr.simulate(sr.load_scene("servicer", changes), backend="interpreted")
 
 
 def excited() -> None:
-    """Print what the motion of ``examples/excitation.yaml`` tells, and what the tuned one tells."""
+    """Print the errors of the motion of ``examples/excitation.yaml`` and of the tuned motion."""
     scene = sr.load_scene("examples/excitation.yaml")
     for what, each in (("its own motion", scene), ("tuned", sr.tune(scene).scene)):
         result = sr.simulate(each)
@@ -110,31 +110,31 @@ def excited() -> None:
 
 
 def carried() -> None:
-    """Print the errors over the phase in which the object is carried."""
+    """Print the tip errors over the phase in which the object is carried."""
     print("\n| object | position, rms [mm] | greatest [mm] | orientation, rms [mrad] | greatest [mrad] |")
     print("|---|---|---|---|---|")
     for name, changes in CASES.items():
         result = sr.simulate(sr.load_scene("caught-unknown", changes))
         time, ends = result.array("time"), [event["time_s"] for event in result.summary["events"]]
-        own = time >= ends[-1] - 10.001
+        in_phase = time >= ends[-1] - 10.001
         row = []
         for output in ("tip_error", "tip_orientation_error"):
-            size = 1e3 * np.linalg.norm(result.array(output)[own, 0], axis=-1)
+            size = 1e3 * np.linalg.norm(result.array(output)[in_phase, 0], axis=-1)
             row += [np.sqrt(np.mean(size**2)), size.max()]
         print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in row) + " |", flush=True)
 
 
 def replanning() -> dict[str, Any]:
-    """Changes of ``caught-unknown`` by which plans made in flight carry the object; one arm has to do."""
+    """Changes of ``caught-unknown`` by which one arm carries the object under model predictive control."""
     servicer, goal = "robots.servicer", {"tip": "servicer/left_tip", "position": GOAL_M.tolist()}
     lead = {"kind": "mpc", "period": 1, "min_horizon": 2, "iterations": 60, "kp": 0.4, "kd": 0.4}
     encoder = {"kind": "linear", "errors": {"period": 0.01, "resolution": 1e-5}}
     tips = {"left_tip": dict.fromkeys(LAWS) | {"controllers": {"payload": None}}}
-    found: dict[str, Any] = {f"{servicer}.joints.right_joint_{i}.locked": True for i in range(1, 8)}
+    changes: dict[str, Any] = {f"{servicer}.joints.right_joint_{i}.locked": True for i in range(1, 8)}
     for name, phase in sr.load_scene("caught-unknown").scenario.phases.items():
-        own = phase.robots["servicer"] | {"controllers": {"lead": None}}
-        found[f"phases.{name}.robots"] = {"servicer": {"tips": tips} if name == "carry" else own}
-    return found | {
+        section = phase.robots["servicer"] | {"controllers": {"lead": None}}
+        changes[f"phases.{name}.robots"] = {"servicer": {"tips": tips} if name == "carry" else section}
+    return changes | {
         f"{servicer}.controllers": {"lead": lead | {"sampled": {"period": 0.01}}},
         f"{servicer}.sensors.joint_position": encoder,
         f"{servicer}.sensors.joint_rate": {"kind": "linear", "errors": {"period": 0.01, "noise": 1e-5}},
@@ -148,24 +148,24 @@ def replanning() -> dict[str, Any]:
 
 
 def at_goal(result: sr.Result) -> tuple[float, float]:
-    """Errors of the tip at the end of the plan [m, rad]."""
+    """Position and orientation errors of the tip at the end of the plan [m, rad]."""
     scene, begins = result.scene(), [e["time_s"] for e in result.summary["events"] if e["who"] == "carry"]
     data, place = scene.model.createData(), int(np.argmin(np.abs(result.array("time") - begins[0] - 8)))
     pin.framesForwardKinematics(scene.model, data, result.array("q")[place])
     tip = data.oMf[scene.tips[0].frame]
-    turned = pin.log3(pin.rpy.rpyToMatrix(np.radians(GOAL_DEG)).T @ tip.rotation)
-    return float(np.linalg.norm(tip.translation - GOAL_M)), float(np.linalg.norm(turned))
+    rotation = pin.log3(pin.rpy.rpyToMatrix(np.radians(GOAL_DEG)).T @ tip.rotation)
+    return float(np.linalg.norm(tip.translation - GOAL_M)), float(np.linalg.norm(rotation))
 
 
 def replanned() -> None:
-    """Print the errors of the object that is carried by plans made in flight."""
+    """Print the tip errors under model predictive control."""
     print("\n| object in the plans | position [mm] | orientation [mrad] | plans | without solution |")
     print("|---|---|---|---|---|")
     cases = {name: CASES[name] for name in ("known", "assumed, not identified", "identified")}
     for name, changes in (cases | {"identified, joint locked, orientation free": JAMMED}).items():
         result = sr.simulate(sr.load_scene("caught-unknown", replanning() | changes))
-        (place, turn), told = at_goal(result), result.summary["mpc"]
-        row = f"{1e3 * place:.1f} | {1e3 * turn:.1f} | {told['plans']} | {told['missed']}"
+        (place, turn), statistics = at_goal(result), result.summary["mpc"]
+        row = f"{1e3 * place:.1f} | {1e3 * turn:.1f} | {statistics['plans']} | {statistics['missed']}"
         print(f"| {name} | {row} |", flush=True)
 
 

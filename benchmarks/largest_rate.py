@@ -1,11 +1,11 @@
-"""Envisat's largest rate: ``python -m benchmarks.largest_rate [FOLDER]``.
+"""Largest tumbling rate of Envisat with a plan: ``python -m benchmarks.largest_rate [FOLDER]``.
 
 The tumbling of ``envisat`` about the intermediate axis is raised from 5 deg/s. Each rate is planned from the
-verified plan of the rate below it and on its meshes, then refined and verified by replay. Where no plan is
-found the step is halved, until rates with and without a plan are ``PRECISE`` apart. Without a plan the
-elastic program gives the least violation of goals and limits; it is a local minimum, so that it is evidence
-and no proof; :func:`beyond_reach` bounds the rate from above. The plan of the largest rate is kept in the
-folder, ``out/largest_rate`` if none is named, data in ``docs/data``, the figure in ``docs/images``.
+verified plan of the rate below it and on its meshes, then refined and verified by replay. If no plan is
+found, the step is halved, until rates with and without a plan differ by ``PRECISE``. Without a plan, the
+elastic program gives the smallest violation of goals and limits. It is a local minimum, which is evidence,
+not a proof; :func:`beyond_reach` bounds the rate from above. The plan of the largest rate is written to the
+folder, ``out/largest_rate`` by default, data to ``docs/data``, the figure to ``docs/images``.
 """
 
 from __future__ import annotations
@@ -41,40 +41,40 @@ from spacerobot.scene import Scene
 from viz.figures.style import to_bytes
 
 AXIS, PLACE = np.array([0.00522422, 0.99701949, -0.07697305]), np.array([7.2, 0.0, 0.4])
-"""Intermediate axis of Envisat, and where the servicer begins [m], both in Envisat's axes."""
+"""Intermediate axis of Envisat, and initial position of the servicer [m], both in Envisat's axes."""
 FIRST, STEP, PRECISE = 5.0, 0.5, 0.03
-"""First rate and first step [deg/s], and the step, relative to the rate, at which the search ends."""
+"""First rate and first step [deg/s], and the step relative to the rate at which the search ends."""
 ITERATIONS, RELAXED = 250, 100
 PATIENT = {"plan.iterations": ITERATIONS, "plan.time_limit": 1800, "plan.max_intervals": 120}
 FORCE = 176.0
 """Limit of the base's force along each of its axes in the scenario [N]."""
 RATES = 30
-"""Rates that are planned, about: it pays to compile."""
+"""Approximate number of planned rates, by which the planner decides to compile."""
 FEASIBLE = 1e-6
 SCENARIO, DATA, FIGURE = "envisat", "docs/data/envisat_rates.json", "docs/images/envisat_rates.png"
 
 
 def directions() -> dict[str, float]:
-    """Change of each number of the scenario with the rate, per deg/s: both bodies turn together."""
-    found = dict[str, float]()
+    """Slopes of the scenario's numbers by the rate [1/(deg/s)]: both bodies turn together."""
+    slopes = dict[str, float]()
     for path, vector in (
         ("target.base.spin_deg", AXIS),
         ("robots.servicer.base.spin_deg", AXIS),
         ("robots.servicer.base.velocity", np.cross(np.radians(AXIS), PLACE)),
     ):
-        found |= {f"{path}.{k}": float(value) for k, value in enumerate(vector)}
-    return found
+        slopes |= {f"{path}.{k}": float(value) for k, value in enumerate(vector)}
+    return slopes
 
 
 def scene_at(rate: float) -> Scene:
-    """The scenario at a rate [deg/s], whose plan is given time."""
+    """Scene of the scenario at a rate [deg/s], with more iterations and time for its plan."""
     return sr.load_scene(SCENARIO, {path: rate * each for path, each in directions().items()} | PATIENT)
 
 
 def beyond_reach(rate: float) -> float:
-    """Distance [m] by which no plan at all brings the gripper to the ring by the end of the approach.
+    """Distance [m] by which every plan misses the ring at the end of the approach, if it is positive.
 
-    Until then nothing but the base's force moves the servicer's centre of mass c, so that after T it is no
+    Until then only the base's force moves the servicer's centre of mass c. After T it is therefore no
     farther from c + T c' than F T^2 / (2 m), with F the largest force, along a diagonal of the base's axes.
     The gripper is at most
 
@@ -98,51 +98,51 @@ def beyond_reach(rate: float) -> float:
     speeds = [
         data.v[joint].linear + np.cross(data.v[joint].angular, model.inertias[joint].lever) for joint in chain
     ]
-    whole = float(masses.sum())
-    centre = masses @ np.array(centres) / whole
-    velocity = masses @ [data.oMi[joint].rotation @ v for joint, v in zip(chain, speeds, strict=True)] / whole
+    total = float(masses.sum())
+    centre = masses @ np.array(centres) / total
+    velocity = masses @ [data.oMi[joint].rotation @ v for joint, v in zip(chain, speeds, strict=True)] / total
     reach = 0.0
     for k, joint in enumerate(chain):
         outward = model.jointPlacements[chain[k + 1]] if k + 1 < len(chain) else model.frames[frame].placement
         lever = model.inertias[joint].lever
-        part = (1 - masses[k + 1 :].sum() / whole) * outward.translation - masses[k] / whole * lever
+        part = (1 - masses[k + 1 :].sum() / total) * outward.translation - masses[k] / total * lever
         reach += float(np.linalg.norm(part))
     span, force = plan.duration.upper, np.sqrt(3) * FORCE
     place = pin.exp3(np.radians(rate) * span * AXIS / np.linalg.norm(AXIS)) @ data.oMf[ring].translation
     gap = float(np.linalg.norm(centre + span * velocity - place))
-    return gap - reach - force * span**2 / (2 * whole)
+    return gap - reach - force * span**2 / (2 * total)
 
 
 def at(solver: PlanSolver, rate: float) -> PlanSolver:
-    """The solver at another rate, by which only the start of the motion differs."""
+    """Solver at another rate, with which only the start of the motion differs."""
     scene = scene_at(rate)
     problem = dataclasses.replace(solver.problem, fixed=np.concatenate([scene.q, scene.v]))
     return solver.with_first(problem=problem)
 
 
 def solved(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, dict[str, Any]]:
-    """Plan of a rate on the meshes of another, if there is one, and what is known of it."""
+    """Plan of a rate on the meshes of another one, None without a plan, and its entries of the data."""
     program = solver.program(solver.request(), near.meshes)
     assert near.solution is not None
     warm = dataclasses.replace(near.solution, barrier=max(near.solution.barrier, BARRIER))
-    found = solve(program, warm.w, warm, scale=near.cost, iterations=ITERATIONS)
-    row: dict[str, Any] = {"feasible": found.converged, "iterations": found.iterations}
-    if not found.converged:
+    solution = solve(program, warm.w, warm, scale=near.cost, iterations=ITERATIONS)
+    row: dict[str, Any] = {"feasible": solution.converged, "iterations": solution.iterations}
+    if not solution.converged:
         elastic = ElasticProgram(program, soft_rows(program), near.cost)
         relaxed = solve(elastic, elastic.started(near.solution.w), iterations=RELAXED)
-        violation, own = elastic.violation(relaxed.w), relaxed.w[: program.size]
-        row |= {"least_violation": violation, "is_minimum": relaxed.converged, "status": found.status}
+        violation, start = elastic.violation(relaxed.w), relaxed.w[: program.size]
+        row |= {"least_violation": violation, "is_minimum": relaxed.converged, "status": solution.status}
         if violation > FEASIBLE:
             return None, row
-        found = solve(program, own, scale=near.cost, iterations=ITERATIONS)
-        row["feasible"] = found.converged
-        if not found.converged:
+        solution = solve(program, start, scale=near.cost, iterations=ITERATIONS)
+        row["feasible"] = solution.converged
+        if not solution.converged:
             return None, row
-    return SolveResult((), found, near.meshes, program.objective(found.w), None, ""), row
+    return SolveResult((), solution, near.meshes, program.objective(solution.w), None, ""), row
 
 
 def refined(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, dict[str, Any]]:
-    """Plan after refinement and verification, if it passes, and what is known of it."""
+    """Plan after refinement and verification, None if it fails, and its entries of the data."""
     request = solver.request(near=near, is_solved=True)
     result = solve_request(solver, request)
     if (fault := failure_message(result)) is not None:
@@ -158,10 +158,10 @@ def refined(solver: PlanSolver, near: SolveResult) -> tuple[SolveResult | None, 
 
 
 def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution) -> dict[str, Any]:
-    """Slope of the cost, how near each drive comes to its limit, and what one percent of a limit saves.
+    """Slope of the cost, use of each drive's limit, and cost saved by one percent more of a limit.
 
-    The optimal cost changes with an unknown that is fixed, as the start is, by the derivative of the
-    Lagrangian, and with a limit by its multiplier.
+    The slope of the optimal cost by a fixed unknown, such as the start, is the derivative of the
+    Lagrangian; that by a limit is the limit's multiplier.
     """
     assert isinstance(program, PhaseChain)
     jacobian = program.jacobian_pattern.copy()
@@ -171,9 +171,9 @@ def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution)
     driven, first = solver.problem.stage.driven, nq + 2 * nv
     count = len(driven.names)
     used, of_limits = np.zeros(count), np.zeros(count)
-    for own, part in zip(program.programs, program.parted(solution), strict=False):
+    for phase, part in zip(program.programs, program.parted(solution), strict=False):
         drives, held = (
-            own.split(values)[0][:, first : first + count] for values in (part.w, part.bound_multipliers)
+            phase.split(values)[0][:, first : first + count] for values in (part.w, part.bound_multipliers)
         )
         used = np.maximum(used, np.abs(drives).max(axis=0) / driven.limits)
         of_limits += np.abs(held).sum(axis=0) * driven.limits
@@ -185,7 +185,7 @@ def described(solver: PlanSolver, program: NonlinearProgram, solution: Solution)
 
 
 def main() -> None:
-    """Search, and write data, figure and the plan of the largest rate."""
+    """Search the largest rate; write data, figure and its plan."""
     folder = Path(sys.argv[1] if sys.argv[1:] else "out/largest_rate")
     if not (folder / "first" / PLAN_FILE).exists():
         sr.plan(scene_at(FIRST), folder / "first")
@@ -198,16 +198,16 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     largest, rate, step = 0.0, FIRST, STEP
     while step > PRECISE * rate:
-        begun, moved = time.process_time(), at(solver, rate)
-        found, row = solved(moved, near)
-        if found is not None:
-            found, more = refined(moved, found)
+        begin, shifted = time.process_time(), at(solver, rate)
+        plan, row = solved(shifted, near)
+        if plan is not None:
+            plan, more = refined(shifted, plan)
             row |= more
-        if found is not None:
-            largest, near = rate, found
+        if plan is not None:
+            largest, near = rate, plan
         else:
             step /= 2
-        rows.append({"value": rate} | row | {"processor_s": time.process_time() - begun})
+        rows.append({"value": rate} | row | {"processor_s": time.process_time() - begin})
         print(json.dumps(rows[-1]), flush=True)
         rate = largest + step
     data: dict[str, Any] = {"scenario": SCENARIO, "axis": "rate [deg/s]", "rows": rows, "largest": largest}
@@ -215,9 +215,9 @@ def main() -> None:
     data |= {"machine": history.machine(), "commit": history.commit()}
     write_text(Path(DATA), json.dumps(data, indent=1) + "\n")
     write_bytes(Path(FIGURE), to_bytes(feasible_range(data), "png"))
-    own = PlanSolver.of(scene_at(largest), solver.backend)
-    request = own.request(near=near, is_solved=True)
-    write(plan_result(own, request, {PLAN: solve_request(own, request)}), folder / "largest")
+    final = PlanSolver.of(scene_at(largest), solver.backend)
+    request = final.request(near=near, is_solved=True)
+    write(plan_result(final, request, {PLAN: solve_request(final, request)}), folder / "largest")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Every numerical method against classical Runge-Kutta at equal error: alone, in lanes, with a gradient."""
+"""Numerical methods against classical Runge-Kutta at equal error: one rollout, a batch, a gradient."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from spacerobot.scene import load_scene
 
 DURATION, SAMPLE = 10.0, 0.1
 ERROR = 1e-7
-"""Of the state at the samples, relative to the larger of one unit and a state's largest value."""
+"""Error of the states at the samples, relative to the larger of one unit and the state's largest value."""
 
 FINE = 0.0015
-"""Step of `dop853` that the others are compared with."""
+"""Step of the reference rollout by `dop853` [s]."""
 
 FASTER = 1.4
-"""What the default shall reach."""
+"""Required ratio of times for the default method."""
 
 TURNS = 7
 COUNT = 64
-"""Rollouts of a batch."""
+"""Number of rollouts in a batch."""
 
 GAINS = tuple(
     f"robots.{robot}.tips.tip.{gain}"
@@ -38,8 +38,8 @@ GAINS = tuple(
 """All gains of the paper's scenario."""
 
 
-def built(loop: ClosedLoop, method: str, step_s: float = SAMPLE, sample_s: float = SAMPLE) -> Rollout:
-    """The paper's rollout by a method, with one cost to differentiate."""
+def paper_rollout(loop: ClosedLoop, method: str, step_s: float = SAMPLE, sample_s: float = SAMPLE) -> Rollout:
+    """Rollout of the paper's scenario by a method, with one cost."""
     signals = Signals.of(loop)
     squared = {"squared": integral(ca.sumsqr(signals["tip_error"]))}
     measures = Measures(signals, squared, costs=lambda r, _: {"cost": r["squared"]})
@@ -49,23 +49,23 @@ def built(loop: ClosedLoop, method: str, step_s: float = SAMPLE, sample_s: float
 
 
 def longest(rollout: Rollout, exact: np.ndarray) -> tuple[Rollout, float]:
-    """The rollout in the longest steps, of those that divide a sample, that keep to the error; its error."""
+    """Rollout in the longest steps that divide a sample and keep to the error, and its error."""
     largest = np.maximum(1.0, np.abs(exact).max(axis=0))
     for pieces in range(1, 200):
-        tried = replace(rollout, grid=time_grid(DURATION, SAMPLE / pieces, SAMPLE))
-        trajectory = tried.run()
+        candidate = replace(rollout, grid=time_grid(DURATION, SAMPLE / pieces, SAMPLE))
+        trajectory = candidate.run()
         if trajectory.status == "completed":
             error = float((np.abs(trajectory.state - exact) / largest).max())
             if error <= ERROR:
-                return tried, error
+                return candidate, error
     raise RuntimeError(f"{rollout.kernel.method.name} does not reach an error of {ERROR:g}")
 
 
 def rows() -> list[Row]:
-    """One row for each method and job; ratios are medians over turns in which all methods take part."""
+    """One row for each method and job; ratios are medians over turns of all methods."""
     loop = build_closed_loop(load_scene("paper"))
-    exact = built(loop, "dop853", FINE).run().state
-    longest_steps = {name: longest(built(loop, name), exact) for name in METHODS}
+    exact = paper_rollout(loop, "dop853", FINE).run().state
+    longest_steps = {name: longest(paper_rollout(loop, name), exact) for name in METHODS}
     values = np.linspace(280, 320, COUNT)[:, None]
     jobs: dict[str, tuple[Callable[[Rollout], object], int]] = {
         "one rollout": (lambda rollout: rollout.run(), 1),

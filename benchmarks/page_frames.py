@@ -1,4 +1,4 @@
-"""Pictures a second of the servicer's page as it plays, and their cost at each level of quality."""
+"""Frame rate of the servicer's page, and processor time of a frame at each level of quality."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from viz.recording.browser import Browser, chromium
 
 SIZE = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
 LEVELS, PICTURES, WARM, CORES = 6, 20, 5, 2
-WANTED_MS = 1000 / 20  # 20 pictures a second
+FRAME_MS = 1000 / 20  # 20 pictures a second
 DRAW = """(async (level, count) => {
   spacerobotFilm.level(level);
   for (let k = 0; k < count; k++) {
@@ -41,7 +41,7 @@ PLAY = """(async (settle, lasts) => {
 
 
 def rows() -> list[Row]:
-    """A row for each level: processor time of a picture of the page at 1400 x 900, all processes together."""
+    """Row of the frame rate, and rows of the processor time of a frame at 1400 x 900 at each level."""
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         if browser is None:
             return [Row("pictures of the servicer's page", "", "", note="not measured: no Chromium here")]
@@ -57,23 +57,22 @@ def rows() -> list[Row]:
             begin = _browser_ms()
             browser.evaluate(text.replace("COUNT", str(PICTURES)))
             spent.append((_browser_ms() - begin) / PICTURES)
-        played = _played(browser, file)
-    # Rows of the processor times of a picture at each level, ms.
+        playing = _playing(browser, file)
     levels = [
         Row(
             f"a picture of the servicer's page in software, level {level} of quality",
             f"{CORES} cores, 20 pictures a second",
             f"{ms:.0f} ms of processor time",
-            f"{CORES * WANTED_MS:.0f} ms",
-            ms / (CORES * WANTED_MS),
+            f"{CORES * FRAME_MS:.0f} ms",
+            ms / (CORES * FRAME_MS),
             "at most 1 at the coarsest",
-            ms <= CORES * WANTED_MS if level == LEVELS - 1 else None,
+            ms <= CORES * FRAME_MS if level == LEVELS - 1 else None,
             "the page goes to the next level where pictures take more than 45 ms",
             {"processor_ms": ms},
         )
         for level, ms in enumerate(spent)
     ]
-    return [played, *levels]
+    return [playing, *levels]
 
 
 def _open(browser: Browser, file: Path, state: str) -> None:
@@ -82,8 +81,8 @@ def _open(browser: Browser, file: Path, state: str) -> None:
     browser.wait_for("document.body?.dataset.ready === 'true'")
 
 
-def _played(browser: Browser, file: Path) -> Row:
-    """Pictures a second that a user sees, once the page has chosen how finely it draws."""
+def _playing(browser: Browser, file: Path) -> Row:
+    """Row of the frame rate after the page has chosen its level of quality."""
     _open(browser, file, "play=1")
     begin_ms = _browser_ms()
     pictures, level = browser.evaluate(PLAY.replace("SETTLE", str(SETTLE_S)).replace("LASTS", str(LASTS_S)))

@@ -1,7 +1,7 @@
-"""The paper's closed loop as one would write it in plain Python over Pinocchio: ``pin.aba`` in an RK4 loop.
+"""The paper's closed loop in plain Python: ``pin.aba`` in an RK4 loop.
 
-Written for this scenario alone (planar, compliant grasps, ideal derivative, feedback seen from the base),
-with as little Python in the loop as a careful user would leave there.
+It is specific to this scenario (planar, compliant grasps, ideal derivative, feedback relative to the base),
+with as few Python operations in the loop as a careful user would write.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class PlainLoop:
-    """x = (q, v, memory and integral of each tip); no energy balance."""
+    """Closed loop with the state x = (q, v, memory and integral of each tip), without an energy balance."""
 
     def __init__(self, scene: Scene) -> None:
         self.model, self.data, self.scene = scene.model, scene.model.createData(), scene

@@ -1,4 +1,4 @@
-"""Cost of following a plan, with few knots and with many."""
+"""Cost of following plans with few and many knots."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCENE, KEY = "examples/reach.yaml", "robots.arm.controllers"
 
 
 def plan(intervals: int) -> dict[str, Any]:
-    """Section of a controller that follows so many intervals: each joint swings a little."""
+    """Section of a controller that follows a plan with a number of intervals; each joint swings a little."""
     ends = np.linspace(0, DURATION, intervals + 1)
     times = np.append((ends[:-1, None] + DURATION / intervals * NODES).ravel(), DURATION)
     first, pace = np.radians(40) * np.repeat([1, -1], 4), 2 * np.pi / DURATION
@@ -34,18 +34,18 @@ def plan(intervals: int) -> dict[str, Any]:
 
 
 def loop(intervals: int) -> ClosedLoop:
-    """The paper's arm without a controller, or behind a plan."""
-    followed = {"follow": plan(intervals)} if intervals else {}
-    return build_closed_loop(load_scene(SCENE, {KEY: followed, "plan": None}))
+    """Closed loop of the paper's arm, which follows a plan, or without a controller for zero intervals."""
+    controllers = {"follow": plan(intervals)} if intervals else {}
+    return build_closed_loop(load_scene(SCENE, {KEY: controllers, "plan": None}))
 
 
 def rollout(closed: ClosedLoop) -> Rollout:
-    """Of the plan's duration."""
+    """Rollout over the plan's duration."""
     return build_rollout(closed, duration_s=DURATION, step_s=STEP, output_step_s=DURATION / 10)
 
 
 def rows() -> list[Row]:
-    """A rollout that follows a plan against one of the same arm without a controller."""
+    """Rows of a rollout that follows a plan, against one of the same arm without a controller."""
     loops = {count: loop(count) for count in (0, FEW, MANY)}
     rollouts = {count: rollout(each) for count, each in loops.items()}
     operations = {count: each.dynamics.n_instructions() for count, each in loops.items()}

@@ -1,4 +1,4 @@
-"""A planned soft capture: our transcription against multiple shooting by RK4 with CasADi and IPOPT alone."""
+"""Planned soft capture: our transcription against multiple shooting by RK4 with CasADi and IPOPT only."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ INTERVALS, LEAST, TURNS = 50, 10.0, 5
 MESHES = ((4, 50, 50), (4, 50, 10), (6, 16, 16), (6, 16, 5))
 """Order and intervals of our transcription, and intervals of the mesh on which the search begins."""
 MOVED = 1e-4
-"""By how much all velocities at the start move where a search begins from a solution [rad/s and m/s]."""
+"""Change of all initial velocities in searches that begin from a solution [rad/s and m/s]."""
 THEIRS = {"mu_init": 0.1, "constr_mult_init_max": 1000.0}
-"""Options with which the rival takes fewest iterations of all that were tried: IPOPT's own."""
+"""Options with which the baseline needs the fewest iterations of all that were tried: IPOPT's defaults."""
 SAME_COST = 1e-3
-"""Difference of costs, relative, up to which two optima are called the same."""
+"""Largest relative difference of the costs of two solutions that count as the same optimum."""
 LEFT = {f"joint_{k}": {"angle_deg": 40 if k < 5 else -40} for k in range(1, 9)}
 CAPTURE: Mapping[str, Any] = {
     "name": "capture",
@@ -90,10 +90,13 @@ CAPTURE: Mapping[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSolution:
-    """Where one of the two ended, after how many iterations, on each mesh.
+    """Solution by one of the two formulations.
 
-    ``in_functions`` is the share of the time that the problem's functions and derivatives take; the rest is
-    the solver's, most of it the factorisation of its linear systems.
+    Attributes:
+        motion, cost, converged: Motion, its cost, and whether the solver converged.
+        iterations: Numbers of iterations on each mesh, as text.
+        in_functions: Share of the time in the problem's functions and derivatives; the rest is that of the
+            solver, most of it the factorisation of its linear systems.
     """
 
     motion: Motion
@@ -104,15 +107,15 @@ class MeasuredSolution:
 
     @property
     def error(self) -> float:
-        """Greatest error of a configuration at the knots [m, rad] when the torques are replayed."""
+        """Largest error of a configuration at the knots [m, rad] in a replay of the torques."""
         nq, knots = self.motion.problem.stage.scene.model.nq, self.motion.lobatto.points - 1
         return float(np.abs(replay_motion(self.motion)[0][:, :nq] - self.motion.z[::knots, :nq]).max())
 
 
 def rows() -> list[Row]:
-    """One solve from the same guess, all functions built before, on each of our meshes.
+    """Rows of one solve from the same guess on each of our meshes, without the time to build functions.
 
-    Ours also begins on a coarser mesh, from which unknowns and multipliers are interpolated.
+    Ours may begin on a coarser mesh, from which unknowns and multipliers are interpolated.
     """
     problem = formulate(build_scene(validate(dict(CAPTURE))))
     instants, knots = build_instants(problem), Lobatto.of_order(2)
@@ -120,7 +123,7 @@ def rows() -> list[Row]:
     scale = CollocationProgram(problem, instants, knots, INTERVALS).objective(first.unknowns)
     shooting = Shooting(problem, first, scale)
     cold = [_row(problem, instants, shooting, scale, *mesh) for mesh in MESHES]
-    # both go on from their solution, with its multipliers, to one whose start is moved
+    # both restart from their solution, with its multipliers, for a changed initial state
     order, intervals, _ = MESHES[0]
     lobatto, start = Lobatto.of_order(order), problem.fixed.copy()
     program = CollocationProgram(problem, instants, lobatto, intervals)
@@ -129,25 +132,25 @@ def rows() -> list[Row]:
     moved = dataclasses.replace(problem, fixed=start)
     program = CollocationProgram(moved, instants, lobatto, intervals)
     shooting.solve()
-    near, found = shooting.found, dict[str, MeasuredSolution]()
+    near, solutions = shooting.solution, dict[str, MeasuredSolution]()
 
     def ours() -> None:
-        solved = solve(program, before.w, before)
-        z, duration = program.split(solved.w)
+        solution = solve(program, before.w, before)
+        z, duration = program.split(solution.w)
         motion = Motion(moved, lobatto, program.mesh, duration, z)
-        found["ours"] = MeasuredSolution(
+        solutions["ours"] = MeasuredSolution(
             motion,
-            program.objective(solved.w),
-            solved.converged,
-            str(solved.iterations),
-            solved.evaluations_s / solved.seconds,
+            program.objective(solution.w),
+            solution.converged,
+            str(solution.iterations),
+            solution.evaluations_s / solution.seconds,
         )
 
     def theirs() -> None:
-        found["theirs"] = shooting.solve(near, start)
+        solutions["theirs"] = shooting.solve(near, start)
 
     warm_row = _compared(
-        program, shooting, (ours, theirs), found, f"of order {order}", ", from a solution nearby"
+        program, shooting, (ours, theirs), solutions, f"of order {order}", ", from a solution nearby"
     )
     return [*cold, warm_row]
 
@@ -159,7 +162,7 @@ def _row(
     lobatto = Lobatto.of_order(order)
     program = CollocationProgram(problem, instants, lobatto, intervals)
     first = initial_guess(problem, lobatto, coarse)
-    found: dict[str, MeasuredSolution] = {}
+    solutions: dict[str, MeasuredSolution] = {}
 
     def ours() -> None:
         runs: tuple[Solution, ...]
@@ -172,28 +175,28 @@ def _row(
         many = " + ".join(str(one.iterations) for one in runs)
         inside = sum(one.evaluations_s for one in runs) / sum(one.seconds for one in runs)
         cost, converged = program.objective(runs[-1].w), runs[-1].converged
-        found["ours"] = MeasuredSolution(motion, cost, converged, many, inside)
+        solutions["ours"] = MeasuredSolution(motion, cost, converged, many, inside)
 
     def theirs() -> None:
-        found["theirs"] = shooting.solve()
+        solutions["theirs"] = shooting.solve()
 
-    begun = f", begun on {coarse}" if coarse < intervals else ""
-    return _compared(program, shooting, (ours, theirs), found, f"of order {order}", begun)
+    coarse_words = f", begun on {coarse}" if coarse < intervals else ""
+    return _compared(program, shooting, (ours, theirs), solutions, f"of order {order}", coarse_words)
 
 
 def _compared(
     program: CollocationProgram,
     shooting: Shooting,
     jobs: tuple[Callable[[], None], Callable[[], None]],
-    found: Mapping[str, MeasuredSolution],
+    solutions: Mapping[str, MeasuredSolution],
     *words: str,
 ) -> Row:
-    """Row of two jobs that leave their solutions."""
+    """Row of two jobs that store their solutions."""
     times = paired(*jobs, turns=TURNS)
-    one, other = found["ours"], found["theirs"]
-    apart = abs(one.cost - other.cost) / abs(other.cost)
-    same = one.converged and other.converged and apart <= SAME_COST
-    steps = [sum(map(int, own.iterations.split(" + "))) for own in (one, other)]
+    one, other = solutions["ours"], solutions["theirs"]
+    difference = abs(one.cost - other.cost) / abs(other.cost)
+    same = one.converged and other.converged and difference <= SAME_COST
+    steps = [sum(map(int, each_side.iterations.split(" + "))) for each_side in (one, other)]
     each = [
         1e3 * spent / max(count, 1)
         for spent, count in zip((times.first_s, times.second_s), steps, strict=True)
@@ -204,9 +207,9 @@ def _compared(
         f"costs {one.cost:.6f} and {other.cost:.6f}; "
         f"replayed {one.error:.1e} and {other.error:.1e} off"
     )
-    order, begun = words
+    order, coarse_words = words
     return Row(
-        f"soft capture planned, {program.intervals} intervals {order}, {program.size} unknowns{begun}",
+        f"soft capture planned, {program.intervals} intervals {order}, {program.size} unknowns{coarse_words}",
         f"RK4 multiple shooting by CasADi's virtual machine and IPOPT, {INTERVALS} intervals, "
         f"{shooting.size} unknowns",
         f"{times.first_s:.2f} s",
@@ -220,14 +223,14 @@ def _compared(
 
 
 class Shooting:
-    """Multiple shooting: a step of RK4 in each interval, torques straight lines between the knots.
+    """Multiple shooting: one step of RK4 in each interval, torques linear between the knots.
 
-    Derivatives are exact; one step's are found as expressions without common parts twice, and mapped.
+    Derivatives are exact. Those of one step are expressions without common subexpressions, and are mapped.
 
     Args:
-        problem: What is solved, for a given duration.
-        first: Motion to begin with, whose points are the knots.
-        scale: Size of the cost.
+        problem: Planning problem with a fixed duration.
+        first: First guess, whose points are the knots.
+        scale: Magnitude of the cost.
     """
 
     def __init__(self, problem: PlanningProblem, first: Motion, scale: float) -> None:
@@ -243,8 +246,8 @@ class Shooting:
         problem_of, options, self.operations = _program(
             _one(problem, first.duration_s / count), count, w, pairs
         )
-        own = np.r_[0:nx, nx + stage.a.numel() : stage.z.numel()]
-        self._own, guessed = own, first.z[:, own].ravel()
+        state_places = np.r_[0:nx, nx + stage.a.numel() : stage.z.numel()]
+        self._places, guessed = state_places, first.z[:, state_places].ravel()
         kinds = {
             "cold": ipopt_options(1000, scale) | THEIRS,
             "warm": ipopt_options(1000, scale, LEAST_BARRIER),
@@ -253,34 +256,36 @@ class Shooting:
             name: ca.nlpsol(name, "ipopt", problem_of, options | {"ipopt": ipopt})
             for name, ipopt in kinds.items()
         }
-        self.found: Mapping[str, ca.DM] = {}
-        low, high = (np.tile(side[own], (count + 1, 1)) for side in (problem.lower, problem.upper))
+        self.solution: Mapping[str, ca.DM] = {}
+        low, high = (np.tile(side[state_places], (count + 1, 1)) for side in (problem.lower, problem.upper))
         low[0, :nx] = high[0, :nx] = problem.fixed
         sides = []
         for key in ("lower", "upper"):
             path, goals = ([getattr(row, key) for row in part] for part in (problem.path, problem.goal))
             sides.append(np.r_[np.tile(np.r_[np.zeros(nx), path], count), goals])
-        self._given: dict[str, Any] = {"x0": guessed, "lbx": low.ravel(), "ubx": high.ravel()}
-        self._given |= {"lbg": sides[0], "ubg": sides[1]}
+        self._arguments: dict[str, Any] = {"x0": guessed, "lbx": low.ravel(), "ubx": high.ravel()}
+        self._arguments |= {"lbg": sides[0], "ubg": sides[1]}
 
     def solve(self, near: Mapping[str, ca.DM] | None = None, start: Array | None = None) -> MeasuredSolution:
-        """Solve it from its guess, or from what was found before, with its multipliers, for another start."""
-        given, solver = self._given, self._solvers["cold" if near is None else "warm"]
+        """Solve from the first guess, or from a solution with its multipliers for another initial state."""
+        arguments, solver = self._arguments, self._solvers["cold" if near is None else "warm"]
         if near is not None and start is not None:
-            sides = {side: given[side].copy() for side in ("lbx", "ubx")}
+            sides = {side: arguments[side].copy() for side in ("lbx", "ubx")}
             for bounds in sides.values():
                 bounds[: len(start)] = start
-            given = given | sides | {"x0": near["x"], "lam_g0": near["lam_g"], "lam_x0": near["lam_x"]}
+            arguments = (
+                arguments | sides | {"x0": near["x"], "lam_g0": near["lam_g"], "lam_x0": near["lam_x"]}
+            )
         begin = time.perf_counter()
         with one_thread():
-            self.found = solver(**given)
+            self.solution = solver(**arguments)
         spent = time.perf_counter() - begin
         stats, z = solver.stats(), np.zeros_like(self._first.z)
         inside = sum(value for key, value in stats.items() if key.startswith("t_wall_nlp_")) / spent
-        z[:, self._own] = np.array(self.found["x"]).reshape(len(z), -1)
+        z[:, self._places] = np.array(self.solution["x"]).reshape(len(z), -1)
         motion = dataclasses.replace(self._first, z=z)
         return MeasuredSolution(
-            motion, float(self.found["f"]), bool(stats["success"]), str(stats["iter_count"]), inside
+            motion, float(self.solution["f"]), bool(stats["success"]), str(stats["iter_count"]), inside
         )
 
 
@@ -294,7 +299,7 @@ def _program(
     pair, step_rows, goal_rows, held = parts
 
     def function(name: str, given: list[ca.SX], found: ca.SX) -> ca.Function:
-        """A function of both ends, with what is held constant in its derivatives put in."""
+        """Function of both ends, with the constants of the derivatives substituted."""
         return ca.Function(name, given, ca.substitute([ca.densify(found)], *held), {"cse": True})
 
     wide, inner, goals = pair.numel() // 2, step_rows.numel() - 1, goal_rows.numel()

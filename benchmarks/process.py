@@ -1,4 +1,4 @@
-"""The whole of ``spacerobot run paper`` from process start to files on disk, and where the time goes."""
+"""Times of ``spacerobot run paper`` from process start to files on disk, and of its parts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RUNS = 5
 
 
 def rows() -> list[Row]:
-    """Whole process with a warm cache, and bare import."""
+    """Rows of the whole process with a warm cache, of commands' processor times, and of the import."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "paper"
         command = [str(Path(sys.executable).with_name("spacerobot")), "run", "paper", "--out", str(out)]
@@ -28,28 +28,28 @@ def rows() -> list[Row]:
         median_s = statistics.median(_run(command) for _ in range(RUNS))
         busy = (children_s() - before) / RUNS
         timing = json.loads((out / "summary.json").read_text(encoding="utf-8"))["timing_s"]
-        started = _start("`spacerobot run paper`, processor time", command, 6.5)
+        run_row = _start("`spacerobot run paper`, processor time", command, 6.5)
     bare = statistics.median(_run([sys.executable, "-c", "import spacerobot"]) for _ in range(RUNS))
     python = statistics.median(_run([sys.executable, "-c", "pass"]) for _ in range(RUNS))
     inside = ("closed_loop", "compile_or_load", "rollout")
-    spent = ", ".join(f"{name.replace('_', ' ')} {timing[name]:.2f} s" for name in inside)
+    parts = ", ".join(f"{name.replace('_', ' ')} {timing[name]:.2f} s" for name in inside)
     rest = median_s - sum(timing[name] for name in inside)
     return [
         Row(
             "`spacerobot run paper`, process start to files",
             "",
             f"{median_s:.2f} s",
-            note=f"{spent}, imports and files {rest:.2f} s; {busy:.2f} s of processor time",
+            note=f"{parts}, imports and files {rest:.2f} s; {busy:.2f} s of processor time",
             numbers={"timing_s": timing, "processor_s": busy},
         ),
-        started,
+        run_row,
         _start("`spacerobot --help`, processor time", [sys.executable, "-m", "spacerobot", "--help"], 1.4),
         Row("`import spacerobot`", "bare Python", f"{bare * 1e3:.0f} ms", f"{python * 1e3:.0f} ms"),
     ]
 
 
 def _start(what: str, command: list[str], most: float) -> Row:
-    """Least processor time of a command beside that of loading what it computes with, in turns."""
+    """Row of the smallest processor time of a command against that of importing its libraries, in turns."""
     bare = [sys.executable, "-c", "import numpy, casadi, pinocchio"]
     ours, theirs = (
         min(times) for times in zip(*((_busy(command), _busy(bare)) for _ in range(RUNS)), strict=True)
@@ -66,12 +66,12 @@ def _busy(command: list[str]) -> float:
 
 
 def children_s() -> float:
-    """Processor time of all processes that this one has started and seen end [s]."""
+    """Processor time of all child processes that have ended and been waited for [s]."""
     times = os.times()
     return times.children_user + times.children_system
 
 
 def _run(command: list[str]) -> float:
-    # as a user runs it: what is imported has been compiled to bytecode before
+    # as for a user, imported modules have been compiled to bytecode before
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     return time_of(lambda: subprocess.run(command, check=True, capture_output=True, env=environment))

@@ -1,4 +1,4 @@
-"""Processor time of everything that a job starts, browsers and encoders among it (Linux)."""
+"""Processor time of all processes that a job starts, such as browsers and encoders (Linux)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-PERIOD_S = 0.1  # a process that ends is missed by as much at most
+PERIOD_S = 0.1  # largest time of a process that is missed at its end
 
 
 def tree_s() -> dict[int, float]:
-    """Processor time of each process that this one has started, and theirs, by number [s]."""
+    """Processor times of all descendants of this process, by process number [s]."""
     children: dict[int, list[tuple[int, int]]] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -19,22 +19,22 @@ def tree_s() -> dict[int, float]:
                 fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
             except OSError:
                 continue
-            spent = int(fields[11]) + int(fields[12])
-            children.setdefault(int(fields[1]), []).append((int(entry.name), spent))
-    found, open_ = {}, [os.getpid()]
+            ticks = int(fields[11]) + int(fields[12])
+            children.setdefault(int(fields[1]), []).append((int(entry.name), ticks))
+    times, open_ = {}, [os.getpid()]
     while open_:
-        for process, spent in children.get(open_.pop(), []):
-            found[process] = spent / os.sysconf("SC_CLK_TCK")
+        for process, ticks in children.get(open_.pop(), []):
+            times[process] = ticks / os.sysconf("SC_CLK_TCK")
             open_.append(process)
-    return found
+    return times
 
 
 def spent_s(job: Callable[[], object]) -> float:
     """Processor time of a job in this process and in all that it starts [s]."""
-    before, own, latest, ended = tree_s(), os.times(), dict[int, float](), threading.Event()
+    before, begin, latest, ended = tree_s(), os.times(), dict[int, float](), threading.Event()
 
     def watch() -> None:
-        """Note the processes' times until the job has ended."""
+        """Record the processes' times until the job has ended."""
         while not ended.wait(PERIOD_S):
             latest.update(tree_s())
 
@@ -47,5 +47,5 @@ def spent_s(job: Callable[[], object]) -> float:
         ended.set()
         watching.join()
     now = os.times()
-    started = sum(spent - before.get(process, 0.0) for process, spent in latest.items())
-    return started + now.user + now.system - own.user - own.system
+    children_s = sum(spent - before.get(process, 0.0) for process, spent in latest.items())
+    return children_s + now.user + now.system - begin.user - begin.system

@@ -59,7 +59,7 @@ ARMS = {
 
 
 def processor_time() -> float:
-    """Of this process and of those that it waited for [s]."""
+    """Processor time of this process and of its ended children [s]."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 
@@ -74,29 +74,27 @@ def row(name: str, folder: Path) -> str:
     file = folder / f"{urdf.rpartition('/')[2].removesuffix('.urdf')}.yaml"
     begin = processor_time()
     try:
-        drafted = sr.draft(
-            sr.DraftRequest([str(robots / "robots" / urdf)], TARGET, [tip]), file, capture=True
-        )
+        draft = sr.draft(sr.DraftRequest([str(robots / "robots" / urdf)], TARGET, [tip]), file, capture=True)
     except sr.SpaceRobotError as fault:
         return f"| {name} | | not drafted: {str(fault).rpartition('urdf: ')[2]} | | |"
-    took = processor_time() - begin
-    file.write_text(drafted.text, encoding="utf-8")
+    draft_s = processor_time() - begin
+    file.write_text(draft.text, encoding="utf-8")
     scene = sr.load_scene(file)
     joints = sum(not state.locked for state in scene.robots[0].config.joints.values())
-    if not drafted.is_verified:
-        return f"| {name} | {joints} | {drafted.problems[0]} | {took:.0f} | |"
-    slowed = [line for line in drafted.text.splitlines() if line.startswith("# Slowed down by")]
-    slow = f", slowed down by {slowed[-1].split()[4].strip(':')}" if slowed else ""
+    if not draft.is_verified:
+        return f"| {name} | {joints} | {draft.problems[0]} | {draft_s:.0f} | |"
+    slowdowns = [line for line in draft.text.splitlines() if line.startswith("# Slowed down by")]
+    slow = f", slowed down by {slowdowns[-1].split()[4].strip(':')}" if slowdowns else ""
     result = sr.simulate(scene)
     captured = next(e["time_s"] for e in result.summary["events"] if e["kind"] == "captured")
     begin = processor_time()
     try:
         plan = sr.plan(scene)
-        warned = f", {len(plan.warnings)} warnings" if getattr(plan, "warnings", ()) else ""
-        planned = f"{processor_time() - begin:.2g}{warned}"
+        warnings = f", {len(plan.warnings)} warnings" if getattr(plan, "warnings", ()) else ""
+        plan_cell = f"{processor_time() - begin:.2g}{warnings}"
     except sr.SpaceRobotError as fault:
-        planned = f"none after {processor_time() - begin:.2g}: {fault}"
-    return f"| {name} | {joints} | captured after {captured:.1f} s{slow} | {took:.0f} | {planned} |"
+        plan_cell = f"none after {processor_time() - begin:.2g}: {fault}"
+    return f"| {name} | {joints} | captured after {captured:.1f} s{slow} | {draft_s:.0f} | {plan_cell} |"
 
 
 def main(names: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.readme_picture``: simulate a docking and record it for the gallery."""
+"""``python -m benchmarks.readme_picture [FILE]``: record a simulated docking for the gallery."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TARGET = Path(__file__).parents[1] / "docs" / "images" / "docking.gif"
 
 
 def main(target: Path = TARGET) -> None:
-    """Write the picture."""
+    """Write the recording."""
     result = simulate(load_scene("docking"))
     write_recording(result, target, frames_per_s=5, speed=6, size_px=(480, 290))
 

@@ -16,11 +16,11 @@ from benchmarks.table_row import markdown_head
 WHEELS = "robots.servicer.actuators.wheels"
 JET = "robots.rpr1.actuators.jets.nozzles.{}.failure"
 DETECTION = {"period": 0.1, "bandwidth": 2, "speed_noise": 0.05, "spin_noise": 1e-6, "allowance": 2e-3}
-"""Sampled at 10 Hz: tachometers with a standard deviation of 0.05 rad/s, gyros of 1 urad/s."""
+"""Detection at 10 Hz with tachometers and gyros whose standard deviations are 0.05 rad/s and 1 urad/s."""
 
 
 def wheels(changes: dict[str, Any]) -> str:
-    """Greatest attitude error [deg] after 5 s, at the end, greatest motor torque [N m], delay [s]."""
+    """Largest attitude error after 5 s, final one [deg], largest motor torque after 5 s [N m], delay [s]."""
     result = sr.simulate(sr.load_scene("servicer-wheels", changes))
     if not result.completed:
         return f"lost at {result.summary['status']['reached_s']:.1f} s"
@@ -33,15 +33,15 @@ def wheels(changes: dict[str, Any]) -> str:
 
 
 def jets(changes: dict[str, Any]) -> str:
-    """Speed of the target at the end [mm/s], its spin [deg/s], propellant of both robots [g]."""
+    """Final speed [mm/s] and spin [deg/s] of the target, and propellant of both robots [g]."""
     result = sr.simulate(sr.load_scene("detumble", changes))
     if not result.completed:
         return f"lost at {result.summary['status']['reached_s']:.1f} s"
     data = result.data
     target = [name for name in data.velocity.values if name.startswith("v.target/")][:3]
     v = data.v.sel(velocity=target).values[-1]
-    spent = 1e3 * float(np.nansum(data.propellant.values[-1]))
-    return f"{1e3 * np.linalg.norm(v[:2]):.1f} / {np.degrees(abs(v[2])):.3f} / {spent:.1f}"
+    propellant_g = 1e3 * float(np.nansum(data.propellant.values[-1]))
+    return f"{1e3 * np.linalg.norm(v[:2]):.1f} / {np.degrees(abs(v[2])):.3f} / {propellant_g:.1f}"
 
 
 def main() -> None:
@@ -50,8 +50,8 @@ def main() -> None:
     print(f"| none | {wheels({})} | | {wheels({f'{WHEELS}.detection': DETECTION})} |", flush=True)
     for mode in ("seized", "off"):
         cells = []
-        for known in (False, True):
-            failure = {"wheel": 0, "at": 5, "mode": mode, "known": known}
+        for is_known in (False, True):
+            failure = {"wheel": 0, "at": 5, "mode": mode, "known": is_known}
             cells.append(wheels({f"{WHEELS}.failures": [failure]}))
         failing = {f"{WHEELS}.failures": [{"wheel": 0, "at": 5, "mode": mode}]}
         cells.append(wheels(failing | {f"{WHEELS}.detection": DETECTION}))
@@ -60,7 +60,7 @@ def main() -> None:
     print(*markdown_head(["thruster", "unknown", "known"]), sep="\n")
     print(f"| none | {jets({})} | |", flush=True)
     for nozzle, opening in (("front_left", 1.0), ("left_back", 1.0), ("front_left", 0.0), ("left_back", 0.0)):
-        failures = [{"at": 1, "opening": opening, "known": known} for known in (False, True)]
+        failures = [{"at": 1, "opening": opening, "known": is_known} for is_known in (False, True)]
         cells = [jets({JET.format(nozzle): failure}) for failure in failures]
         print(f"| {nozzle}, {'open' if opening else 'shut'} | " + " | ".join(cells) + " |", flush=True)
 

@@ -1,8 +1,8 @@
 """Rare failures of the paper's scenario by every estimator: ``python -m benchmarks.reliability``.
 
 Prints the table of docs/validation/reliability.md: the probability that a tip error exceeds a limit, by our
-estimators, by plain Monte Carlo where that is affordable, and by OpenTURNS (if it is installed) on the same
-limit state.
+estimators, by plain Monte Carlo for the larger probabilities, and by OpenTURNS (if it is installed) on the
+same limit state.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from benchmarks.table_row import markdown_head
 from optim.reliability.limit_state import CountedLimitState, LimitState, build_limit_state
 
 LIMITS = (2.2e-3, 2.5e-3, 2.7e-3, 2.85e-3)  # m
-PLAIN = 100_000  # rollouts of plain Monte Carlo, of the two larger probabilities
+PLAIN = 100_000  # rollouts of plain Monte Carlo
 
 
 def plain(state: LimitState) -> str:
-    """Plain Monte Carlo."""
+    """Cell of plain Monte Carlo."""
     rng, hits = np.random.default_rng(1), 0
     for _ in range(PLAIN // 10_000):
         hits += int(np.sum(state.values(rng.standard_normal((10_000, len(state.names)))) < 0))
-    return told(hits / PLAIN, 1 / np.sqrt(max(hits, 1)), PLAIN)
+    return cell(hits / PLAIN, 1 / np.sqrt(max(hits, 1)), PLAIN)
 
 
 def openturns(state: CountedLimitState) -> dict[str, str]:
-    """The same by OpenTURNS: importance sampling after FORM, and subset simulation."""
+    """Cells of OpenTURNS: importance sampling after FORM, and subset simulation."""
     try:
         import openturns as ot  # type: ignore[import-not-found, unused-ignore]
     except ImportError:
@@ -55,12 +55,12 @@ def openturns(state: CountedLimitState) -> dict[str, str]:
         algorithm.run()
         result = algorithm.getResult()
         estimate, variation = result.getProbabilityEstimate(), result.getCoefficientOfVariation()
-        estimates[name] = told(estimate, variation, state.rollouts - before)
+        estimates[name] = cell(estimate, variation, state.rollouts - before)
     return estimates
 
 
-def told(probability: float, variation: float, rollouts: int) -> str:
-    """A cell of the table."""
+def cell(probability: float, variation: float, rollouts: int) -> str:
+    """Cell of the table: probability, coefficient of variation and number of rollouts."""
     return f"{probability:.3g} (± {100 * variation:.0f} %; {rollouts})"
 
 
@@ -74,7 +74,7 @@ def main() -> None:
             sr.failure_probability(scene, "tip_error_peak", limit, method=method)
             for method in ("importance", "line", "subset")
         ]
-        cells = [told(one.probability, one.variation, one.rollouts + one.gradients) for one in ours]
+        cells = [cell(one.probability, one.variation, one.rollouts + one.gradients) for one in ours]
         state = CountedLimitState(build_limit_state(scene, "tip_error_peak", limit))
         theirs = openturns(state)
         cells.append(plain(state) if ours[0].probability > 1e-4 else "-")

@@ -1,4 +1,4 @@
-"""Rollouts: one against a plain Python loop, many and gradients against one, the paper's whole GA."""
+"""One rollout against a plain Python loop; batches and gradients against one rollout; the paper's GA."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from benchmarks.methods import DURATION, GAINS, built
+from benchmarks.methods import DURATION, GAINS, paper_rollout
 from benchmarks.plain_loop import PlainLoop
 from benchmarks.table_row import Row
 from benchmarks.timing import cpu_time_of, paired
@@ -17,10 +17,10 @@ from spacerobot.scene import Scene, load_scene
 
 FINE = 0.00025
 ACCURATE = DURATION / 3000
-"""Step of the plain loop's RK4 whose state error is below 1e-6."""
+"""Step of RK4 at which the state errors of both rollouts are below 1e-6 [s]."""
 
 TUNING = 0.01
-"""Step of the default method at which batches and gradients are compared with a single rollout."""
+"""Step of the default method at which batches and gradients are compared with a single rollout [s]."""
 
 GA_ROLLOUTS = 50 * 150
 BATCH_TARGET = {8: 8.0, 4: 4.0}
@@ -33,11 +33,11 @@ def _scene_and_loop() -> tuple[Scene, ClosedLoop]:
 
 
 def _rollout(step: float, method: str = DEFAULT) -> Rollout:
-    return built(_scene_and_loop()[1], method, step)
+    return paper_rollout(_scene_and_loop()[1], method, step)
 
 
 def single() -> Row:
-    """One compiled rollout against the same closed loop in a plain Python loop, same step."""
+    """Row of one compiled rollout against the same closed loop in a plain Python loop with the same step."""
     scene, loop = _scene_and_loop()
     rollout, plain = _rollout(ACCURATE, "rk4"), PlainLoop(scene)
     size = loop.nq + loop.nv
@@ -61,7 +61,7 @@ def single() -> Row:
 
 
 def batch() -> list[Row]:
-    """Rollouts in lanes on one core against one rollout, and the paper's whole GA on all cores."""
+    """Rows of a batch in lanes on one core against one rollout, and of the paper's GA budget on all cores."""
     rollout = _rollout(TUNING)
     count = 64
     values = np.linspace(280, 320, count)[:, None]
@@ -97,7 +97,7 @@ def batch() -> list[Row]:
 
 
 def gradient() -> list[Row]:
-    """Exact adjoint gradient with respect to all gains against one rollout."""
+    """Row of the exact adjoint gradient with respect to all gains against one rollout."""
     rollout = _rollout(TUNING)
     times = paired(rollout.run, lambda: rollout.value_and_gradient(wrt=GAINS, accuracy=False))
     count = 16
@@ -123,9 +123,12 @@ def gradient() -> list[Row]:
 
 
 def limited() -> Row:
-    """Rollouts in lanes with limits at every joint's torque, at which steps end, against those without."""
+    """Row of a batch with torque limits at all joints, at which steps end, against one without limits."""
     limits = {f"robots.{robot}.torque_limits": True for robot in ("rpr1", "rpr2")}
-    free, bounded = _rollout(TUNING), built(build_closed_loop(load_scene("paper", limits)), DEFAULT, TUNING)
+    free, bounded = (
+        _rollout(TUNING),
+        paper_rollout(build_closed_loop(load_scene("paper", limits)), DEFAULT, TUNING),
+    )
     values = np.linspace(280, 320, 64)[:, None]
     one = paired(free.run, bounded.run)
     many = paired(

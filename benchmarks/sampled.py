@@ -1,4 +1,4 @@
-"""The paper's scenario with its controllers evaluated at 100 Hz, and what it costs to draw noise."""
+"""Cost of controllers at 100 Hz and of sensor noise in the paper's scenario."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Changes = dict[str, Any]
 RATE_HZ, STEP, COUNT, MOST, MOST_OF_NOISE = 100, 0.005, 64, 1.5, 1.02
 VARIED = ("robots.rpr1.tips.tip.pid.kp", "simulation.noise_draw")
 GAINS = {"robots.rpr2.tips.tip.amnesia.ge": 500, "robots.rpr2.tips.tip.amnesia.ta": 3}
-"""Those of the first robot: the second one's correction, of 25 Hz, is unstable where it is held for 10 ms."""
+"""Gains of the first robot, since the second one's correction, of 25 Hz, is unstable if held for 10 ms."""
 
 
 def rows() -> list[Row]:
-    """Sampled against continuous, and with noise against without."""
+    """Row of sampled against continuous controllers, and row with noise against one without."""
     period = {"period": 1 / RATE_HZ}
     sampled: Changes = {f"robots.{name}.tips.tip.pid.sampled": period for name in ("rpr1", "rpr2")}
     changes: Changes = {"robots.rpr1.sensors": {"joint_rate": {"errors": period}}}
@@ -36,7 +36,7 @@ def rows() -> list[Row]:
 
 
 def _compared(names: tuple[str, str], first: Changes, second: Changes, note: str, most: float) -> Row:
-    """Batches of two variants, whose gains and draws differ from rollout to rollout."""
+    """Row of batches of two variants, whose gains and draws differ between rollouts."""
     rollouts = [_rollout(first), _rollout(second)]
     values = np.column_stack([np.linspace(280, 320, COUNT), np.arange(COUNT)])
 

@@ -1,4 +1,4 @@
-"""Soft captures of tumbling satellites: 250 draws planned, flown by independent equations and judged.
+"""Soft captures of tumbling satellites: plans of 250 draws, flown by independent equations and checked.
 
 The problem is that of Sow, Gutow, Choset and Manchester 2024 (arXiv:2405.00867), the scenario
 ``soft-capture``.
@@ -46,7 +46,7 @@ CONE, VIEW = np.radians(30), np.radians(30)
 CONE_TIME = 4.0
 """Time between the first and the last of the five points, 1 s apart, at which the cone is published [s]."""
 ALLOWED = 1e-3
-"""Excess over a limit that counts as none, relative to it: the planner's own."""
+"""Relative excess over a limit that counts as zero, as in the planner."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class Draw:
     """Initial conditions in rotating Hill axes.
 
     Attributes:
-        position, velocity: Of the chaser (3,) each [m], [m/s].
-        attitude: Of the target, a quaternion x, y, z, w (4,).
-        spin: Of the target, its own axes (3,) [rad/s].
+        position, velocity: Position [m] and velocity [m/s] of the chaser (3,).
+        attitude: Attitude of the target, a quaternion x, y, z, w (4,).
+        spin: Spin of the target, its own axes (3,) [rad/s].
     """
 
     position: Array
@@ -66,14 +66,14 @@ class Draw:
 
     @property
     def pointing(self) -> Rotation:
-        """Attitude of the chaser: its z axis points at the target, turned the shortest way."""
+        """Attitude of the chaser, whose z axis points at the target, by the shortest rotation."""
         to_target = -self.position / np.linalg.norm(self.position)
         axis = np.cross([0, 0, 1], to_target)
         angle = np.arctan2(np.linalg.norm(axis), to_target[2])
         return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
 
     def changes(self) -> dict[str, Any]:
-        """Numbers of the scenario."""
+        """Numbers of the scenario by dotted path."""
         target = Rotation.from_quat(self.attitude)
         return {
             "robots.chaser.base.position": self.position.tolist(),
@@ -85,8 +85,8 @@ class Draw:
 
 
 def draws(count: int = DRAWS) -> list[Draw]:
-    """Safety ellipses of 15 to 25 m radially and 10 to 25 m across the orbit, tumbles up to 10 deg/s."""
-    rng, drawn = np.random.default_rng(SEED), []
+    """Draws on safety ellipses of 15 to 25 m radially and 10 to 25 m across the orbit, up to 10 deg/s."""
+    rng, table = np.random.default_rng(SEED), []
     for _ in range(count):
         sides = rng.choice([-1.0, 1.0], 6)
         a, b = rng.uniform(15, 25), rng.uniform(10, 25)
@@ -94,7 +94,7 @@ def draws(count: int = DRAWS) -> list[Draw]:
         u, w = sides[2] * RATE * np.sqrt(a**2 - x**2), sides[3] * RATE * np.sqrt(b**2 - z**2)
         direction, attitude = rng.normal(size=3), rng.normal(size=4)
         spin = np.radians(10) * rng.uniform() * direction / np.linalg.norm(direction)
-        drawn.append(
+        table.append(
             Draw(
                 np.array([x, 2 * u / RATE, z]),
                 np.array([u, -2 * RATE * x, w]),
@@ -102,11 +102,11 @@ def draws(count: int = DRAWS) -> list[Draw]:
                 spin,
             )
         )
-    return drawn
+    return table
 
 
 def symmetric(upper: Array) -> Array:
-    """Matrix of its upper triangle."""
+    """Symmetric matrix from its upper triangle."""
     return np.asarray(upper + np.triu(upper, 1).T)
 
 
@@ -158,16 +158,16 @@ def flown(draw: Draw, wrench: Callable[[Array | float], Array], knots: Array) ->
     times, states = [0.0], [x]
     for begin, end in itertools.pairwise(knots):
         inside = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / 0.05)) + 1))
-        solved = solve_ivp(rates, (begin, end), x, "DOP853", inside, rtol=1e-9, atol=1e-10)
-        x = solved.y[:, -1]
+        solution = solve_ivp(rates, (begin, end), x, "DOP853", inside, rtol=1e-9, atol=1e-10)
+        x = solution.y[:, -1]
         times += inside[1:].tolist()
-        states += list(solved.y.T[1:])
-    found = np.array(states)
-    return np.array(times), found[:, :13], found[:, 13:]
+        states += list(solution.y.T[1:])
+    trajectory = np.array(states)
+    return np.array(times), trajectory[:, :13], trajectory[:, 13:]
 
 
 def violations(times: Array, chaser: Array, target: Array, wrenches: Array) -> dict[str, float]:
-    """Largest value over its limit of each constraint, less one; of hulls the least distance negated [m]."""
+    """Largest relative excess of each constraint; for hulls the smallest distance, negated [m]."""
     import coal
 
     hill = Rotation.from_rotvec(np.outer(times, [0, 0, RATE]))
@@ -212,7 +212,7 @@ def violations(times: Array, chaser: Array, target: Array, wrenches: Array) -> d
 
 
 def wrench_of(motion: Motion) -> Callable[[Array | float], Array]:
-    """Force and torque of a plan on the chaser at a time [s], (6,), or at times (n,), (n, 6)."""
+    """Force and torque of a plan on the chaser (6,) at a time [s], or (n, 6) at times (n,)."""
     knots, points = np.array(motion.mesh.knots) * motion.duration_s, motion.lobatto.points
     coefficients = np.array(motion.lobatto.basis)  # (points, powers), lowest first
     rows = np.arange(motion.intervals)[:, None] * (points - 1) + np.arange(points)
@@ -228,7 +228,7 @@ def wrench_of(motion: Motion) -> Callable[[Array | float], Array]:
 
 
 def compile_problem() -> None:
-    """Compile the functions of the problem, which all draws share."""
+    """Compile the functions of the problem, which are the same for all draws."""
     PlanSolver.of(load_scene("soft-capture"), "compiled")
 
 
@@ -261,7 +261,7 @@ def planned(draw: Draw) -> dict[str, Any]:
 
 
 def row() -> list[Row]:
-    """The first draws planned, beside the published convex formulation."""
+    """Row of the first draws, against the published convex formulation."""
     compile_problem()
     results = [planned(draw) for draw in draws()[:IN_BENCH]]
     verified = [one for one in results if one["status"] == "verified"]
@@ -293,7 +293,7 @@ def row() -> list[Row]:
 
 
 def missing_draws(path: Path, first: int, last: int) -> list[int]:
-    """Indices from ``first`` to below ``last`` of the draws that a file of results lacks."""
+    """Indices of the draws from ``first`` to below ``last`` that are not in a file of results."""
     lines = path.read_text().splitlines() if path.exists() else []
     measured = {json.loads(line)["draw"] for line in lines}
     return [k for k in range(first, last) if k not in measured]

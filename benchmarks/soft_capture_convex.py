@@ -2,8 +2,8 @@
 
 Sow, Gutow, Choset and Manchester 2024 (arXiv:2405.00867), with the numbers of their published example: the
 translation alone in Clohessy and Wiltshire's equations, steps of 1 s, thrust held; the chaser points at the
-target. The first program knows no hulls; each further one linearises the scaling at which the hulls touch,
-until that is above 1 at all steps. The number of steps grows from 40 to 350, by 10.
+target. The first program has no hulls; each further one linearises the scaling at which the hulls touch,
+until it is at least 1 at all points. The number of points grows from 40 to 350, by 10.
 ``python -m benchmarks.soft_capture_convex FILE [FIRST LAST]`` solves draws.
 """
 
@@ -41,7 +41,7 @@ def halfspaces(name: str) -> tuple[Array, Array]:
 
 
 def tumble(draw: Draw, count: int) -> tuple[list[Rotation], Array]:
-    """Attitudes of the target and its spins (count, 3), own axes, at all steps, without torques."""
+    """Attitudes of the target and its spins (count, 3), own axes, at all points, without torques."""
     inertia = symmetric(TARGET)
 
     def rates(_: float, x: Array) -> Array:
@@ -51,21 +51,21 @@ def tumble(draw: Draw, count: int) -> tuple[list[Rotation], Array]:
 
     times = np.arange(count) * STEP
     x = np.concatenate([draw.attitude, draw.spin])
-    found = solve_ivp(rates, (0, times[-1]), x, "DOP853", times, rtol=1e-10, atol=1e-12).y.T
-    return [Rotation.from_quat(q[:4]) for q in found], found[:, 4:]
+    states = solve_ivp(rates, (0, times[-1]), x, "DOP853", times, rtol=1e-10, atol=1e-12).y.T
+    return [Rotation.from_quat(q[:4]) for q in states], states[:, 4:]
 
 
-def propagated() -> tuple[Array, Array]:
+def transition() -> tuple[Array, Array]:
     """State transition (6, 6) and input (6, 3) of a step with held thrust."""
     n, a, b = RATE, np.zeros((6, 6)), np.zeros((6, 3))
     a[:3, 3:], b[3:] = np.eye(3), np.eye(3) / MASS
     a[3, 0], a[3, 4], a[4, 3], a[5, 2] = 3 * n**2, 2 * n, -2 * n, -(n**2)
-    whole = expm(np.block([[a, b], [np.zeros((3, 9))]]) * STEP)
-    return whole[:6, :6], whole[:6, 6:]
+    exponential = expm(np.block([[a, b], [np.zeros((3, 9))]]) * STEP)
+    return exponential[:6, :6], exponential[:6, 6:]
 
 
 def pointing(places: Array) -> list[Rotation]:
-    """Attitudes of the chaser, which points at the target, each the shortest turn from the one before."""
+    """Attitudes of the chaser, which points at the target, each the shortest rotation from the one before."""
     look = -places / np.linalg.norm(places, axis=1)[:, None]
     attitudes, before = [], np.array([0.0, 0, 1])
     for direction in look:
@@ -79,11 +79,11 @@ def pointing(places: Array) -> list[Rotation]:
 
 
 def scaling(place: Array, chaser: Rotation, target: Rotation, hulls: Any) -> tuple[float, Array]:
-    """Scaling at which the hulls touch, and its slope (3,) in the chaser's position, whose attitude points.
+    """Scaling at which the hulls touch, and its slope (3,) by the chaser's position with a pointing attitude.
 
-    The least s with A_t R_t' x <= s b_t and A_c R_c' (x - p) <= s b_c is a linear program. Its multipliers m
-    of the chaser's rows give its slopes: with g = R_c A_c' m and y = x - p it is -g along p and g x y along
-    a turn of the chaser; a step dp turns the direction of sight d by d x (dp - d d'dp) / -|p|.
+    The smallest s with A_t R_t' x <= s b_t and A_c R_c' (x - p) <= s b_c is a linear program. The multipliers
+    m of the chaser's rows give its slopes: with g = R_c A_c' m and y = x - p, -g by p and g x y by a rotation
+    of the chaser; a step dp rotates the direction of sight d by d x (dp - d d'dp) / -|p|.
     """
     (normals_c, sizes_c), (normals_t, sizes_t) = hulls
     faces_c, faces_t = normals_c @ chaser.as_matrix().T, normals_t @ target.as_matrix().T
@@ -107,13 +107,13 @@ def program(
     Args:
         draw, count: Initial conditions, and the number of points.
         motion: Attitudes of the target and its spins.
-        near: Positions (count, 3) around which hulls are kept apart, the scaling (count,) there, and its
+        near: Positions (count, 3) about which the scaling is linearised, the scaling (count,) there, and its
             slopes (count, 3); None for the program without hulls.
     """
     import cvxpy as cp
 
     attitudes, spins = motion
-    a, b = propagated()
+    a, b = transition()
     x, u, r = cp.Variable((count, 6)), cp.Variable((count - 1, 3)), cp.Variable(count)
     cost = THRUST_WEIGHT * cp.sum(cp.abs(u)) + cp.sum(r)
     last = attitudes[count - 1]
@@ -125,7 +125,7 @@ def program(
         cp.norm(x[:, 3:], axis=1) <= SPEED,
         cp.norm(u, axis=1) <= THRUST,
         cp.norm(x[-1, :3] - 2 * port) <= POSITION,
-        # the product of spin and lever turned to Hill axes; their code takes it in the target's own axes
+        # product of spin and lever, rotated to Hill axes; their code uses it in the target's own axes
         cp.norm(x[-1, 3:] - moving) <= VELOCITY,
         r <= FAR,
         cp.norm(x[:, :3], axis=1) <= r,
@@ -134,7 +134,7 @@ def program(
         turn = attitudes[k].as_matrix()
         away = turn.T @ (x[k, :3] - turn[:, 2] * PORT)
         rules.append(cp.norm(away[:2]) * np.tan(np.pi / 2 - CONE) <= away[2])
-    # the published relaxation of the limited turn of the line of sight between steps
+    # published relaxation of the limited rotation of the line of sight between steps
     half = np.real(sqrtm(np.block([[np.eye(3), -0.5 * np.eye(3)], [-0.5 * np.eye(3), np.eye(3)]])))
     c = -0.5 * np.cos(SPIN * STEP)
     least = np.linalg.eigvalsh(np.real(sqrtm(np.array([[1, c], [c, 1]])))).min()
@@ -157,17 +157,17 @@ def program(
 
 
 def solved(draw: Draw) -> dict[str, Any]:
-    """Status, processor times [s], duration [s] and impulse [N s] of a draw, by the published procedure."""
+    """Status, processor times [s], duration [s] and impulse [N s] of a draw by the published procedure."""
     hulls = halfspaces("chaser"), halfspaces("target")
     motion = tumble(draw, MOST)
     began = time.process_time()
     for count in range(FEWEST, MOST + 1, FINER):
         start = time.process_time()
-        found, near = program(draw, count, motion, None), None
+        solution, near = program(draw, count, motion, None), None
         for iteration in range(ITERATIONS):
-            if found is None:
+            if solution is None:
                 break
-            x, u = found
+            x, u = solution
             attitudes = pointing(x[:, :3])
             pairs = [scaling(x[k, :3], attitudes[k], motion[0][k], hulls) for k in range(count)]
             scalings, slopes = np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
@@ -182,7 +182,7 @@ def solved(draw: Draw) -> dict[str, Any]:
                     "impulse_Ns": float(np.linalg.norm(u, axis=1).sum() * STEP),
                 }
             near = x[:, :3], scalings, slopes
-            found = program(draw, count, motion, near)
+            solution = program(draw, count, motion, near)
     return {"status": "infeasible", "cpu_s": time.process_time() - began}
 
 

@@ -45,7 +45,7 @@ def rounded(value: Any) -> Any:
 
 @styled
 def beside(ours: Results, theirs: Results) -> Figure:
-    """Processor time, duration and impulse of the draws that both solve, theirs over ours."""
+    """Ratios, theirs to ours, of processor time, duration and impulse of the draws that both solve."""
     both = [k for k in ours if ours[k]["status"] == "verified" and theirs.get(k, {}).get("status") == "safe"]
     figure, axes = panels(1, len(LABELS), height_in=2.4)
     for panel, (key, (label, unit)) in zip(axes.flat, LABELS.items(), strict=True):
@@ -63,7 +63,7 @@ def beside(ours: Results, theirs: Results) -> Figure:
 
 
 def print_numbers(results: Results, solved: str) -> None:
-    """Print the share that is solved with its intervals, and quantiles of times.
+    """Print the share of solved draws with its intervals, and quantiles of times.
 
     Args:
         results: Results by draw.

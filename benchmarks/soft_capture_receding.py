@@ -1,4 +1,4 @@
-"""Model predictive control of a soft capture: processor time of each replan in a flight, and plans a second.
+"""Model predictive control of a soft capture: processor time of each replan, and plans per second.
 
 The flight is ``examples/soft-capture-receding.yaml``. ``python -m benchmarks.soft_capture_receding`` prints
 the numbers of both rows.
@@ -80,7 +80,7 @@ def errors_at_end(q: Array, v: Array) -> dict[str, float]:
 
 
 def states(count: int = STATES) -> list[Array]:
-    """States near that of the scenario at its start (nq + nv,) each, of the chaser."""
+    """States (nq + nv,) near the initial state of the scenario, with changes of the chaser."""
     scene, rng = load_scene(SCENE), np.random.default_rng(SEED)
     joint = scene.model.joints[scene.model.getJointId("chaser/root")].idx_v
     size = np.repeat([POSITION, ATTITUDE, VELOCITY, SPIN], 3) * rng.normal(size=(count, 12))
@@ -100,7 +100,7 @@ def first_plan() -> Horizon:
 
 
 def replanned(state: Array) -> tuple[int, int]:
-    """Iterations of a plan from a state, from the first plan on; and whether there is none (1 or 0)."""
+    """Iterations of a plan from a state, warm-started from the first plan; 1 without a plan, else 0."""
     first = first_plan()
     horizon = Horizon(
         first.solver, first.motion, first.solution, first.program, first.first_duration_s, first.min_horizon
@@ -110,7 +110,7 @@ def replanned(state: Array) -> tuple[int, int]:
 
 
 def throughput() -> dict[str, Any]:
-    """Wall time of plans from all states [s], in processes; their iterations, and how many have no plan."""
+    """Wall time of plans from all states in processes [s], their iterations, and number without a plan."""
     with ProcessPoolExecutor(PROCESSES, initializer=first_plan) as pool:
         list(pool.map(replanned, states(PROCESSES)))  # until all have started
         began = time.perf_counter()
@@ -121,7 +121,7 @@ def throughput() -> dict[str, Any]:
 
 
 def rows() -> list[Row]:
-    """Processor time of the replans of a flight, and plans a second from many states."""
+    """Rows of the processor time of a flight's replans, and of plans per second from many states."""
     flown, many = flight(), throughput()
     worst, median = max(flown["cpu_s"]), statistics.median(flown["cpu_s"])
     note = f"{len(flown['cpu_s'])} replans, {flown['missed']} missed; median {median * 1e3:.0f} ms"

@@ -1,4 +1,4 @@
-"""From a number changed on a studio's page to the motion sent back, and how many a second while dragging."""
+"""Time from a changed number on the studio's page to its motion, and rollouts per second while dragging."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ PATH = "robots.rpr1.tips.tip.pid.kp"
 
 
 def rows() -> list[Row]:
-    """The paper: one change after the other, then a hand that never rests, both over the real connection."""
+    """Rows of single changes and of a continuous drag of `paper`, both through the page's connection."""
     with tempfile.TemporaryDirectory() as folder:
         origin = Origin(load_scene("paper"), "paper")
         with Studio(origin, Path(folder)) as studio:
-            measured = asyncio.run(_measured(studio))
-    times, cpu_s, sent = measured["times"], measured["cpu_s"], measured["bytes"]
+            values = asyncio.run(_measured(studio))
+    times, cpu_s, sent = values["times"], values["cpu_s"], values["bytes"]
     what = "the paper's studio: a number changed to its motion, curves and metrics received"
     cost = f"{cpu_s * 1e3:.0f} ms of processor time; {sent / 1e3:.0f} kB, without the browser's drawing"
     return [
@@ -35,14 +35,14 @@ def rows() -> list[Row]:
         Row(
             "rollouts a second while a slider is dragged",
             "",
-            f"{measured['drag']:.0f}",
+            f"{values['drag']:.0f}",
             note=f"{1 / EVERY_S:.0f} changes a second sent for {DRAG_S:g} s; the last one answered last",
         ),
     ]
 
 
 async def _measured(studio: Studio) -> dict[str, Any]:
-    """Times of single changes [s], processor time of one, bytes of one, and rollouts a second of a drag."""
+    """Times of single changes [s], processor time [s] and bytes of one, and rollouts per second of a drag."""
     base, _, token = studio.url.partition("?")
     address = f"{base.replace('http', 'ws')}studio?{token}"
     page = await websocket_connect(address, max_message_size=2**30)
@@ -78,7 +78,7 @@ def _change(k: int) -> str:
 
 
 async def _rollout(page: WebSocketClientConnection) -> tuple[int, int]:
-    """Number and size [bytes] of the next rollout that is received, arrays and all."""
+    """Number and size [bytes] of the next received rollout, including its arrays."""
     while True:
         text = await page.read_message()
         assert isinstance(text, str)

@@ -1,4 +1,4 @@
-"""From a slider moved to the picture painted, and how often while dragging, in a headless Chromium."""
+"""Time from a moved slider to the painted frame, and motions per second of a drag, in headless Chromium."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ DRAGGED = """(async (lasts) => {
 
 
 def rows() -> list[Row]:
-    """The paper's studio with its three-dimensional view, drawn by the processor here, and without."""
+    """Rows of the studio of `paper` with its three-dimensional view, drawn by the processor, and without."""
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         if browser is None:
             return [Row("the paper's studio in a browser", "", "", note="not measured: no Chromium here")]
@@ -69,7 +69,7 @@ def rows() -> list[Row]:
 
 
 def _measured(browser: Browser, studio: Studio) -> dict[str, Any]:
-    """Times from a slider's event to the painted frame and the drawn view [s]; motions a second dragged."""
+    """Times from a slider's event to the frame and to the drawn view [s]; motions per second of a drag."""
     browser.call("Page.navigate", url="about:blank")
     browser.call("Page.navigate", url=f"{studio.url}#t=5&play=0")
     browser.wait_for("document.querySelector('.slider .gradient')?.textContent.includes('+10 %')")

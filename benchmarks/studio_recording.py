@@ -21,14 +21,14 @@ from viz.studio.server import Studio
 SIZE, WIDTH = (1180, 760), 760
 MOST_OF_SEARCH = 10  # pictures
 COLOURS = {Image.Quantize.MEDIANCUT: 96, Image.Quantize.MAXCOVERAGE: 48}
-"""Colours of the recording: frequent ones, for the sky, and ones far apart, for thin lines."""
+"""Numbers of colours of the recording: frequent ones, for the sky, and distant ones, for thin lines."""
 BAR = "document.querySelector('.slider input[type=range]')"
 WORDS = "document.querySelector('#jobs .words').textContent"
 SETTLED = "!document.getElementById('status').classList.contains('busy')"
 
 
 def record(browser: Browser, url: str) -> list[tuple[Image.Image, int]]:
-    """Pictures and how long each is shown [ms]: a slider is dragged, then the gradient is followed."""
+    """Pictures and their durations [ms]: a slider is dragged, then the gradient is followed."""
     wide, high = SIZE
     browser.call("Page.enable")
     browser.call(

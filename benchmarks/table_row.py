@@ -1,4 +1,4 @@
-"""A row of the table."""
+"""Rows of the table of benchmarks."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from benchmarks.timing import Paired
 
 @dataclass(frozen=True)
 class Row:
-    """One thing measured.
+    """One measurement.
 
     Attributes:
-        what, against: What was measured, and beside what.
-        ours, theirs: Measured, as text with units.
-        ratio: Of the two, as the target counts it; none where nothing is compared.
-        target: What it must reach, as text.
-        met: Whether it does; none where it is only stated.
-        note: An honest word.
+        what, against: Names of the measurement and of its baseline.
+        ours, theirs: Values of both, as text with units.
+        ratio: Ratio of both, in the direction of the target; None without a baseline.
+        target: Target, as text.
+        met: Whether the target is met; None if the value is only stated.
+        note: Conditions of the measurement.
         numbers: Raw numbers for the JSON file.
     """
 
@@ -40,10 +40,10 @@ def at_most(most: float, names: tuple[str, str], times: Paired, note: str, *, co
 
     Args:
         most: Target of the ratio of their medians.
-        names: What was measured, and against what.
-        times: Of the jobs.
-        note: An honest word.
-        count: Rollouts of one job, by which the times are divided that are printed.
+        names: Names of the measurement and of its baseline.
+        times: Times of the jobs.
+        note: Conditions of the measurement.
+        count: Rollouts of one job, by which the printed times are divided.
     """
     ratio = times.first_s / times.second_s
     texts = (f"{each / count * 1e3:.2f} ms" for each in (times.first_s, times.second_s))
@@ -51,16 +51,16 @@ def at_most(most: float, names: tuple[str, str], times: Paired, note: str, *, co
 
 
 def markdown_head(columns: Sequence[str]) -> list[str]:
-    """The first two lines of a table in Markdown."""
+    """First two lines of a table in Markdown."""
     return [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
 
 
 HAND_S = 0.1
-"""The time in which a hand sees no delay."""
+"""Longest delay that a user does not notice [s]."""
 
 
 def hand_row(what: str, times_s: Sequence[float], note: str, values: Mapping[str, Any]) -> Row:
-    """Row about times from a hand's change to its answer: their median, and their 95th percentile's share."""
+    """Row of times from a user's change to its effect: median, and ratio of the 95th percentile to HAND_S."""
     median, late = statistics.median(times_s), statistics.quantiles(times_s, n=20)[-1]
     return Row(
         what,

@@ -1,4 +1,4 @@
-"""Throughput of many simulations against ``mujoco.rollout``, at no greater error, in one run."""
+"""Throughput of many simulations against ``mujoco.rollout`` at a smaller or equal error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ AT_LEAST = 3.0
 
 
 def row() -> Row:
-    """The row: processor times of the same simulated time; the smallest ratio of MuJoCo's integrators."""
+    """Row of processor times for the same simulated time; the smallest ratio of MuJoCo's integrators."""
     here = f"{mujoco_rollout.COUNT} simulations of mjorbit's capture arm", "mujoco.rollout, the same threads"
     if importlib.util.find_spec("mujoco") is None:
         return Row(*here, "", note="not measured: `pip install mujoco`")

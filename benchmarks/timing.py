@@ -1,4 +1,4 @@
-"""Times to trust on a shared machine: processor time, medians of turns taken, ratios pair by pair."""
+"""Times that are reproducible on a shared machine: processor times, medians over turns, ratios of pairs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Paired:
-    """Median processor times of two jobs that took turns [s], and of their ratios, second over first."""
+    """Median processor times of two jobs in turns [s], and median of their ratios, second over first."""
 
     first_s: float
     second_s: float
@@ -18,14 +18,14 @@ class Paired:
 
 
 def time_of(job: Callable[[], object]) -> float:
-    """Time of one call on the clock [s]."""
+    """Wall time of one call [s]."""
     begin = time.perf_counter()
     job()
     return time.perf_counter() - begin
 
 
 def cpu_time_of(job: Callable[[], object]) -> float:
-    """Processor time that one call takes in this process, all its threads together [s]."""
+    """Processor time of one call in this process, all threads together [s]."""
     begin = time.process_time()
     job()
     return time.process_time() - begin
@@ -38,9 +38,12 @@ def paired(
     turns: int = 7,
     calls: tuple[int, int] = (1, 1),
 ) -> Paired:
-    """Let two jobs take turns after a warm-up of each.
+    """Median processor times of two jobs that take turns, after a warm-up of each.
 
-    ``calls`` is what each job's one call does; times are divided by it.
+    Args:
+        first, second: The jobs.
+        turns: Number of turns.
+        calls: Number of repetitions in one call of each job, by which its times are divided.
     """
     first(), second()
     pairs = [(cpu_time_of(first) / calls[0], cpu_time_of(second) / calls[1]) for _ in range(turns)]

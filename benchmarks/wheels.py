@@ -1,4 +1,4 @@
-"""Cost of four reaction wheels and the attitude control that uses them, one rollout and a batch."""
+"""Cost of four reaction wheels with attitude control, in one rollout and in a batch."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ FREE = {"robots.servicer.actuators": {}, "robots.servicer.controllers": {}}
 
 
 def rows() -> list[Row]:
-    """The shipped servicer with wheels against the same with a base that floats freely."""
+    """Rows of the shipped servicer with wheels against the same servicer with a free-floating base."""
     held, free = (load_scene("servicer-wheels", changes) for changes in ({}, FREE))
     duration_s = held.scenario.simulation.duration
 
-    def built(*, many: bool) -> list[Rollout]:
+    def rollouts(*, many: bool) -> list[Rollout]:
         loops = (build_closed_loop(scene) for scene in (held, free))
         settings = {"duration_s": duration_s, "step_s": STEP, "output_step_s": duration_s / 50}
         return [build_rollout(loop, **settings, many=many) for loop in loops]
 
     table = []
-    single, batch = built(many=False), built(many=True)
+    single, batch = rollouts(many=False), rollouts(many=True)
     mass = batch[0].values()[batch[0].indices([VARIED])[0]]
     values = mass * np.linspace(0.9, 1.1, COUNT)[:, None]
     for what, calls, jobs in (

@@ -1,4 +1,4 @@
-"""Two programs on one scene: refined until each has converged, then timed at equal error."""
+"""Comparison of two programs on one scene: both are refined to a tolerance, then timed at that error."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ Job = Callable[[], Array]
 class Side:
     """One of the two programs.
 
-    ``ready`` builds the simulation at a level, each of half the step of the one before; what it returns
-    simulates and gives the final state. ``setting`` has method and step of a level in words.
+    Attributes:
+        ready: Builder of the simulation at a level, with half the step of the level before; the simulation
+            returns the final state.
+        setting: Method and step of a level in words.
     """
 
     ready: Callable[[int], Job]
@@ -47,7 +49,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class PeerScene:
-    """A scene that a peer simulates too: ``measure`` raises ImportError where its package is missing."""
+    """Scene that a peer simulates too; ``measure`` raises ImportError without the peer's package."""
 
     peer: str
     package: str
@@ -62,16 +64,16 @@ def spent_s() -> float:
 
 
 def timed(job: Callable[[], Any]) -> tuple[Any, float]:
-    """Result of a job, and the processor time that it takes [s]."""
+    """Result of a job, and its processor time [s]."""
     before = spent_s()
     result = job()
     return result, spent_s() - before
 
 
 def distance(a: Array, b: Array) -> float:
-    """Greatest difference of two states, each component by the larger of one and its size.
+    """Largest difference of two states, each component relative to the larger of one and its magnitude.
 
-    Turns of planar bases may be counted or not: whole turns do not matter.
+    Whole turns are ignored, since planar bases may count them or not.
     """
     gap = a - b
     gap = np.where(np.abs(gap) > np.pi, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
@@ -79,7 +81,7 @@ def distance(a: Array, b: Array) -> float:
 
 
 def converged(side: Side, tolerance: float) -> tuple[int, float, Array]:
-    """Coarsest level that is within a tolerance of the next, their difference, the finer result."""
+    """Coarsest level within a tolerance of the next one, their difference, and the finer result."""
     before = side.ready(0)()
     for level in range(MOST_LEVELS):
         after = side.ready(level + 1)()
@@ -91,29 +93,29 @@ def converged(side: Side, tolerance: float) -> tuple[int, float, Array]:
 
 
 def compare(ours: Side, theirs: Side, tolerance: float, quantity: str = "state") -> Outcome:
-    """Refine both up to a tolerance, compare the results, let them take turns at the levels found."""
+    """Outcome of two programs: refined to a tolerance, compared, and timed in turns at these levels."""
     _, prepare_s = timed(lambda: ours.ready(0))
     sides = (ours, theirs)
     results = [converged(side, tolerance) for side in sides]
     times: tuple[list[float], list[float]] = ([], [])
     for _ in range(TURNS):
-        for side, (level, _, _), kept in zip(sides, results, times, strict=True):
-            kept.append(timed(side.ready(level))[1])
+        for side, (level, _, _), times_of_side in zip(sides, results, times, strict=True):
+            times_of_side.append(timed(side.ready(level))[1])
     words = [side.setting(level) for side, (level, _, _) in zip(sides, results, strict=True)]
-    apart, errors = distance(results[0][2], results[1][2]), [change for _, change, _ in results]
+    difference, errors = distance(results[0][2], results[1][2]), [change for _, change, _ in results]
     return Outcome(
-        f"{quantity} {apart:.0e}",
+        f"{quantity} {difference:.0e}",
         " / ".join(f"{error:.0e}" for error in errors),
         statistics.median(times[0]),
         statistics.median(times[1]),
         f"{words[0]}; compiled in {prepare_s:.1f} s",
         words[1],
-        {"apart": apart, "errors": errors, "times_s": times, "prepare_s": prepare_s},
+        {"difference": difference, "errors": errors, "times_s": times, "prepare_s": prepare_s},
     )
 
 
 def our_side(scene: Scene, step_s: float, state: Callable[[Array], Array], method: str = "tanaka6") -> Side:
-    """Ours: the compiled rollout of a scene; ``state`` gives the coordinates in which both are compared."""
+    """Side of the compiled rollout of a scene; ``state`` returns the coordinates that are compared."""
     duration_s = scene.scenario.simulation.duration
     loop = build_closed_loop(scene)
 
@@ -125,7 +127,7 @@ def our_side(scene: Scene, step_s: float, state: Callable[[Array], Array], metho
         def run() -> Array:
             trajectory = rollout.run()
             final = state(trajectory.state[-1])
-            # numbers of a rollout that diverged are none, so that its level does not count as converged
+            # NaN for a diverged rollout, so that its level does not count as converged
             return final if trajectory.status == "completed" else np.full_like(final, np.nan)
 
         return run

@@ -1,4 +1,4 @@
-"""Torques that each program computes in one line: constant ones, and position control of joints."""
+"""Simple controllers that all programs have: constant torques, and position control of joints."""
 
 from __future__ import annotations
 

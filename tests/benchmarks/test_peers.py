@@ -93,7 +93,7 @@ def test_each_side_is_refined_to_the_same_error():
     outcome = compare(decaying(1.0, 4), decaying(1.0, 2), 1e-4)
     assert outcome.ours.startswith("3;")
     assert outcome.theirs == "5"
-    assert outcome.numbers["apart"] == pytest.approx(0.1 * (4.0**-6 - 16.0**-4))
+    assert outcome.numbers["difference"] == pytest.approx(0.1 * (4.0**-6 - 16.0**-4))
 
 
 def test_whole_turns_do_not_matter_and_large_components_count_relatively():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.peers.basilisk import Built, basilisk_side, driven
+from benchmarks.peers.basilisk import BasiliskModel, basilisk_side, driven
 from benchmarks.peers.compare import Outcome, PeerScene, Side, compare, our_side
 from spacerobot.common.arrays import Array
 from spacerobot.exports.mjcf_bodies import coordinates, mjcf, motors
@@ -56,7 +56,7 @@ def measure() -> Outcome:
                 velocity[n : n + 2] += sign * RADIUS * rate * np.array([-s, c])
         return position, velocity
 
-    def build() -> Built:
+    def build() -> BasiliskModel:
         """The scene, its gravity and motors."""
         body = mujoco.MJScene(text)
         gravity = simIncludeGravBody.gravBodyFactory()
@@ -93,7 +93,7 @@ def measure() -> Outcome:
             own = np.delete(velocity, range(6, 6 + count))
             return np.concatenate([*moved(position, own, DURATION, -1), velocity[6 : 6 + count]])
 
-        return Built(body, state, kept=(gravity, *messages), start=start)
+        return BasiliskModel(body, state, references=(gravity, *messages), start=start)
 
     return compare(our_wheeled(scene, 0.08), basilisk_side(build, 0.02, DURATION), TOLERANCE)
 

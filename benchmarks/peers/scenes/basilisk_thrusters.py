@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import spacerobot as sr
-from benchmarks.peers.basilisk import Built, basilisk_side, hub_state, our_hub, rigid_hub, spacecraft
+from benchmarks.peers.basilisk import BasiliskModel, basilisk_side, hub_state, our_hub, rigid_hub, spacecraft
 from benchmarks.peers.compare import Outcome, PeerScene, compare
 
 DURATION, TOLERANCE, THRUST = 16.0, 1e-7, 3.0
@@ -34,7 +34,7 @@ def measure() -> Outcome:
     ends = [float(memory.sel(controller=f"servicer/jets.off_at[{i}]")) for i in range(len(NOZZLES))]
     times = [end - 1e-12 for end in ends]
 
-    def build() -> Built:
+    def build() -> BasiliskModel:
         body, jets = spacecraft(scene), thrusterDynamicEffector.ThrusterDynamicEffector()
         for nozzle in NOZZLES.values():
             one = thrusterDynamicEffector.THRSimConfig()
@@ -47,7 +47,7 @@ def measure() -> Outcome:
         message.write(payload)
         jets.cmdsInMsg.subscribeTo(message)
         body.addDynamicEffector(jets)
-        return Built(body, lambda: hub_state(body), after=(jets,), kept=(message,))
+        return BasiliskModel(body, lambda: hub_state(body), after=(jets,), references=(message,))
 
     outcome = compare(our_hub(scene, 0.8), basilisk_side(build, 0.8, DURATION), TOLERANCE)
     outcome.numbers["on_times_s"] = times

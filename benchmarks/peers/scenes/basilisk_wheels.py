@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.peers.basilisk import Built, basilisk_side, driven, hub_state, our_hub, rigid_hub, spacecraft
+from benchmarks.peers.basilisk import (
+    BasiliskModel,
+    basilisk_side,
+    driven,
+    hub_state,
+    our_hub,
+    rigid_hub,
+    spacecraft,
+)
 from benchmarks.peers.compare import Outcome, PeerScene, compare
 from spacerobot.common.arrays import Array
 
@@ -25,7 +33,7 @@ def measure() -> Outcome:
         spin = x[scene.model.nq + 3 : scene.model.nq + 6]
         return np.asarray(x[first : first + len(storage.speeds)] / storage.inertia - storage.axes.T @ spin)
 
-    def build() -> Built:
+    def build() -> BasiliskModel:
         # of balanced wheels, Basilisk counts the inertia to the hub's
         body = spacecraft(scene, storage.inertia * storage.axes @ storage.axes.T)
         wheels = reactionWheelStateEffector.ReactionWheelStateEffector()
@@ -46,7 +54,7 @@ def measure() -> Outcome:
         def state() -> Array:
             return hub_state(body, wheels.rwSpeedOutMsg.read().wheelSpeeds[: len(storage.speeds)])
 
-        return Built(body, state, after=(wheels,), kept=(message,))
+        return BasiliskModel(body, state, after=(wheels,), references=(message,))
 
     return compare(our_hub(scene, 2.0, speeds), basilisk_side(build, 2.0, DURATION), TOLERANCE)
 
