@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicHermiteSpline, KroghInterpolator
 
@@ -19,7 +20,9 @@ from spacerobot.rollout.tables import fill
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from spacerobot.symbolic import Constants, Parameters
+from tests.oracles.motions import DesiredMotions
 from tests.oracles.plans import plan_of, write_plan
+from tests.oracles.small_scenes import ONE_SPATIAL_ARM, PLANAR, random_x, small_scene
 from tests.oracles.two_engines import Numeric, Symbolic
 from viz.studio.parameters import find_leaves
 
@@ -183,6 +186,92 @@ def test_phases_of_the_plan_are_followed_by_name(folder):
     wanted = CubicHermiteSpline(plan.time, plan.joint_position, plan.joint_rate)(1.2)
     np.testing.assert_allclose(end.state[-1][[4, 5]], wanted, atol=5e-3)
     np.testing.assert_allclose(end.outputs["tip_error"][-1], 0, atol=5e-3)
+
+
+JOINTS = {
+    "times": [0, 0.2, 0.4, 0.8, 1.2],
+    "points": 3,
+    "joints": ["joint_3", "joint_1", "joint_2"],
+    "position": [[0.6, 0.8, -1.2], [0.5, 0.9, -1.1], [0.7, 0.7, -1], [0.6, 0.7, -1], [0.8, 0.8, -1.2]],
+    "rate": [[0, 0, 0], [0.1, 0.2, 0.1], [0.2, -0.1, 0.3], [0.1, 0, 0], [0, 0, 0]],
+    "effort": [[1, 2, 3], [0.5, -1, 2], [1, 1, -2], [1, 2, 0], [1, 0.5, 0.5]],
+}
+BASE = {
+    "times": JOINTS["times"],
+    "points": 3,
+    "axes": ["tz", "fx"],
+    "wrench": [[1, 2], [0.5, -1], [1, 1], [1, 2], [1, 0.5]],
+    "rate": [[0, 0], [0.1, 0.2], [0.2, -0.1], [0.1, 0], [0, 0]],
+}
+TRACKING = {
+    "two controllers": {
+        "arm": {"kind": "joint_tracking", "kp": 20, "kd": 3, "feed_forward": 0.8, "knots": JOINTS},
+        "base": {
+            "kind": "base_tracking",
+            "kd_linear": 20,
+            "kd_angular": 4,
+            "feed_forward": 0.8,
+            "knots": BASE,
+        },
+    },
+    "mpc": {
+        "own": {"kind": "mpc", "begin": 0.1, "kp": 20, "kd": 3, "knots": JOINTS, "base_knots": BASE}
+        | {"kd_linear": 20, "kd_angular": 4, "feed_forward": 0.8}
+    },
+}
+
+
+@pytest.mark.parametrize("t", [0.15, 0.7, 1.6])
+@pytest.mark.parametrize("controllers", TRACKING.values(), ids=TRACKING)
+def test_joints_and_base_track_the_polynomials_of_their_plan(controllers, t):
+    """Joints and axes of the base by their names; after the plan's end the last position and no force."""
+    alone = {f"robots.one.tips.tip.{key}": None for key in ("pid", "amnesia")}
+    actuators = {"ideal": {"kind": "base_wrench"}}
+    scene = small_scene(
+        PLANAR, alone | {"robots.one.controllers": controllers, "robots.one.actuators": actuators}
+    )
+    own = Symbolic(scene)
+    x = random_x(scene, np.random.default_rng(1), len(own.x0))
+    elapsed = t - 0.1 * ("own" in controllers)
+    last = elapsed > JOINTS["times"][-1]
+    rows = slice(0, 3) if elapsed < 0.4 else slice(2, 5)
+    times = np.array(JOINTS["times"][rows])
+    points = [np.array(JOINTS[key][rows]) for key in ("position", "rate")]
+    track = KroghInterpolator(np.repeat(times, 2), np.stack(points, axis=1).reshape(6, 3))
+    position, rate = track.derivatives(elapsed, 2)
+    effort = KroghInterpolator(times, np.array(JOINTS["effort"][rows]))(elapsed)
+    if last:
+        position, rate, effort = np.array(JOINTS["position"][-1]), np.zeros(3), np.zeros(3)
+    outputs, q, v = own.outputs(t, x), x[: scene.model.nq], x[scene.model.nq :]
+    for k, name in enumerate(JOINTS["joints"]):
+        joint = scene.model.joints[scene.model.getJointId(f"one/{name}")]
+        torque = 0.8 * effort[k] + 20 * (position[k] - q[joint.idx_q]) + 3 * (rate[k] - v[joint.idx_v])
+        assert outputs["joint_torque"][int(name[-1]) - 1] == pytest.approx(torque, rel=1e-9)
+    wrench, rate = (
+        KroghInterpolator(times, np.array(BASE[key][rows]))(elapsed) for key in ("wrench", "rate")
+    )
+    if last:
+        wrench, rate = np.zeros(2), np.zeros(2)
+    force = 0.8 * wrench[1] + 20 * (rate[1] - v[0])
+    torque = 0.8 * wrench[0] + 4 * (rate[0] - v[2])
+    np.testing.assert_allclose(outputs["base_force"][:3], [force, 0, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(outputs["base_torque"][:3], [0, 0, torque], rtol=1e-9, atol=1e-12)
+
+
+def test_a_planned_tip_has_the_poses_and_velocities_of_its_points():
+    """Of three points an interval, whose rotations are large."""
+    rng, times = np.random.default_rng(2), [0, 0.5, 1.0, 1.3, 1.6]
+    rows = {key: rng.normal(size=(5, 3)) for key in ("position", "velocity", "rotation", "spin")}
+    knots = {"times": times, "points": 3} | {key: value.tolist() for key, value in rows.items()}
+    desired = DesiredMotions(
+        small_scene(ONE_SPATIAL_ARM, {"robots.one.tips.tip.reference": {"kind": "plan", "knots": knots}})
+    )
+    for k, t in enumerate(times[:-1]):
+        found = desired.at(t + 1e-13, desired.x0)["one/tip"]
+        np.testing.assert_allclose(found.position, rows["position"][k], atol=1e-10)
+        np.testing.assert_allclose(found.velocity, rows["velocity"][k], atol=1e-10)
+        np.testing.assert_allclose(found.rotation, pin.exp3(rows["rotation"][k]), atol=1e-10)
+        np.testing.assert_allclose(found.angular_velocity, rows["spin"][k], atol=1e-10)
 
 
 def damaged(kind, folder):
