@@ -6,9 +6,11 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from spacerobot.rollout import build_rollout
 from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 from tests.oracles.hybrid import roll
+from tests.oracles.small_scenes import random_x
 
 SCENES = {"planar": FLAT, "spatial": DEEP}
 KEPT = ("momentum_linear", "momentum_angular")
@@ -95,6 +97,86 @@ def test_a_weld_in_flight_makes_one_body(tmp_path, bases):
     for _, c, v, _, spin in as_bodies(scene, event.after):
         np.testing.assert_allclose(spin, expected, atol=1e-13)
         np.testing.assert_allclose(v, speed + np.cross(expected, c - centre), atol=1e-13)
+    # impulse and couple at the tip change the target's momentum
+    m, c, v, inertia, spin = parts[1]
+    _, _, after, _, turned = as_bodies(scene, event.after)[1]
+    names = np.array([name.partition("[")[0] for name in loop.state_names])
+    impulse, couple = np.zeros(3), np.zeros(3)
+    impulse[list(scene.translation_axes)] = event.after[names == "left.impulse"]
+    couple[axes] = event.after[names == "left.couple"]
+    np.testing.assert_allclose(m * (after - v), impulse, atol=1e-13)
+    arm = motion_of_tip(scene, event.before)["tip"].position - c
+    turning = couple + np.cross(arm, impulse)
+    np.testing.assert_allclose((inertia @ (turned - spin))[axes], turning[axes], atol=1e-13)
+
+
+ENVELOPE = {
+    "distance": 0.09,
+    "misalignment_deg": 8,
+    "closing_speed": 0.2,
+    "lateral_speed": 0.15,
+    "spin_deg": 20,
+}
+
+
+def motion_of_tip(scene, x):
+    """Motions of tip and mating frame, and the gap, rotation vector, velocity and spin between them."""
+    model, grasp = scene.model, scene.grasps[0]
+    state = MechanicalState(model, x[: model.nq], x[model.nq : model.nq + model.nv])
+    tip, mate = state.frame(grasp.tip.frame), state.frame(grasp.frame)
+    gap, spin = tip.position - mate.position, tip.velocity[3:] - mate.velocity[3:]
+    velocity = tip.velocity[:3] - mate.velocity[:3] - np.cross(mate.velocity[3:], gap)
+    mated = pin.rpy.rpyToMatrix(np.radians(grasp.config.capture.mated_deg))
+    turn = pin.log3(tip.rotation @ (mate.rotation @ mated).T)
+    return {"tip": tip, "mate": mate, "gap": gap, "turn": turn, "velocity": velocity, "spin": spin}
+
+
+@pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize("name", ENVELOPE)
+def test_the_margin_of_an_envelope_is_one_less_the_square_of_the_part_of_its_limit(tmp_path, bases, name):
+    turn = [0, 0, 5] if bases is FLAT else [4, -3, 5]
+    capture = {name: ENVELOPE[name], "axis": [1, 0.3, 0], "mated_deg": turn}
+    scene = free_bodies(tmp_path, bases, {"kind": "point", "capture": capture})
+    loop = build_closed_loop(scene)
+    (captured,) = (k for k, event in enumerate(loop.events) if event.kind == "captured")
+    _, c = at_start(loop)
+    for seed in range(3):
+        x = random_x(scene, np.random.default_rng(seed), loop.nx)
+        now = motion_of_tip(scene, x)
+        axis = now["mate"].rotation @ [1, 0.3, 0] / np.linalg.norm([1, 0.3, 0])
+        closing = axis @ now["velocity"]
+        value = {
+            "distance": np.linalg.norm(now["gap"]),
+            "misalignment_deg": np.degrees(np.linalg.norm(now["turn"])),
+            "closing_speed": closing,
+            "lateral_speed": np.linalg.norm(now["velocity"] - closing * axis),
+            "spin_deg": np.degrees(np.linalg.norm(now["spin"])),
+        }[name]
+        margin = loop.guards(0, x, c, np.zeros(loop.nx))[0].full()[captured, 0]
+        assert margin == pytest.approx(1 - (value / ENVELOPE[name]) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)
+def test_a_capture_keeps_its_time_and_motion_and_draws_in_by_a_cubic_blend(tmp_path, bases):
+    """The faster of the two rates of drawing in is the least that is used, at the middle of the way."""
+    turn = [0, 0, 5] if bases is FLAT else [4, -3, 5]
+    capture = {"at": 0.3, "draw_in": 0.05, "draw_in_deg": 9, "mated_deg": turn}
+    scene = free_bodies(tmp_path, bases, {"kind": "weld", "capture": capture})
+    loop = build_closed_loop(scene)
+    run = roll(loop, 0.8, rtol=1e-11)
+    event = run.events[0]
+    met, kept = motion_of_tip(scene, event.before), run.outputs(event.time, event.after, event.c_after)
+    assert kept["grasp_captured_at"] == pytest.approx(event.time)
+    assert event.time == pytest.approx(0.3)
+    np.testing.assert_allclose(kept["grasp_capture_velocity"], met["velocity"], atol=1e-12)
+    np.testing.assert_allclose(kept["grasp_capture_spin"], met["spin"], atol=1e-12)
+    np.testing.assert_allclose(kept["grasp_capture_gap"], met["mate"].rotation.T @ met["gap"], atol=1e-12)
+    ways = np.linalg.norm(met["gap"]) / 0.05, np.linalg.norm(met["turn"]) / np.radians(9)
+    s = (run.t - event.time) / (1.5 * max(ways))
+    left, now = 1 - s**2 * (3 - 2 * s), motion_of_tip(scene, run.x)
+    for part in ("gap", "turn"):  # along the vectors at the capture, which turn with the target
+        first = now["mate"].rotation @ met["mate"].rotation.T @ met[part]
+        np.testing.assert_allclose(now[part], left * first, atol=1e-8)
 
 
 @pytest.mark.parametrize("bases", SCENES.values(), ids=SCENES)

@@ -5,7 +5,8 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
-from tests.oracles.free_bodies import FLAT, free_bodies
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
+from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
@@ -198,6 +199,48 @@ def test_a_phase_ends_when_a_body_has_settled(tmp_path):
     )
     assert run.names == ["calm.settling", "calm.settled"]
     assert run.t == pytest.approx(0.5, abs=1e-9)
+
+
+SETTLED = {"of": "target", "speed": 0.05, "spin_deg": 10}
+WAYS = {
+    "settled": {"settled": SETTLED},
+    "settling": {"settled": SETTLED | {"speed": 50, "dwell": 0.5}},
+    "dwell": {"settled": SETTLED | {"dwell": 0.5}},
+    "above": {"limit": {"output": "grasp_gap", "of": "left", "above": 0.06}},
+    "below": {"limit": {"output": "grasp_gap", "of": "left", "below": 0.3}},
+    "number above": {"limit": {"output": "energy_kinetic", "above": 0.02}},
+    "number below": {"limit": {"output": "energy_kinetic", "below": 0.02}},
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_guards_of_phases_are_margins_to_their_limits(tmp_path, way):
+    """Speed and spin by the square of their parts of the limits, vectors by the square of their size."""
+    grasp = {"kind": "weld", "capture": {"at": 9}}
+    scene = free_bodies(tmp_path, DEEP, grasp, phases={"calm": {"until": WAYS[way], "next": "end"}})
+    loop = build_closed_loop(scene)
+    c = loop.setup(loop.parameter_values)[1].full().ravel()
+    if way == "dwell":
+        c[loop.switches[loop.switch_names.index("phases.calm.settling")]] = 1
+    x = random_x(scene, np.random.default_rng(2), loop.nx)
+    target = MechanicalState(scene.model, x[: loop.nq], x[loop.nq : loop.nq + loop.nv])
+    speed, spin = np.split(target.frame(scene.bodies[1].root_frame).velocity, 2)
+    outputs = dict(zip(loop.outputs.name_out(), loop.outputs(0.3, x, c), strict=True))
+    gap, energy = float(np.sum(outputs["grasp_gap"].full() ** 2)), float(outputs["energy_kinetic"])
+    settled_at = sum(x[i] for i, name in enumerate(loop.state_names) if name == "phase.settled_at[0]")
+    expected = {
+        "settled": 1 - (np.linalg.norm(speed) / 0.05) ** 2,
+        "settling": 1 - (np.degrees(np.linalg.norm(spin)) / 10) ** 2,
+        "dwell": 0.3 - settled_at - 0.5,
+        "above": gap - 0.06**2,
+        "below": 0.3**2 - gap,
+        "number above": energy - 0.02,
+        "number below": 0.02 - energy,
+    }[way]
+    how = {"dwell": "settled", "settled": "settled", "settling": "settling"}.get(way, "limit")
+    names = [event.name for event in loop.events]
+    found = loop.guards(0.3, x, c, np.zeros(loop.nx))[0].full()[names.index(f"calm.{how}"), 0]
+    assert found == pytest.approx(expected, rel=1e-9)
 
 
 BAD = {

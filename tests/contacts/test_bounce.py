@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spacerobot.pinocchio_engine import simulate as checked_by
 from spacerobot.scene import load_scene
 from tests.oracles.balls import meeting
-from tests.oracles.engine import simulate as checked_by
 from viz.drawing.motion import PAD, scene_nodes
 from viz.figures import draw_all
 from viz.page.signals import quantities

@@ -13,10 +13,10 @@ from scipy.optimize import brentq
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.contacts.hunt_crossley import speed_ratio
+from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import build_scene
 from tests.oracles.balls import body, meeting, scene
-from tests.oracles.engine import simulate
 from tests.oracles.engine.contacts import restitution_of
 from tests.oracles.hybrid import roll
 

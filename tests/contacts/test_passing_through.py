@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.pinocchio_engine import simulate as checked_by
 from spacerobot.result.trust import least_between, warning
 from spacerobot.rollout import build_rollout
 from spacerobot.scene import Scene
 from spacerobot.simulation import simulate
 from tests.oracles.balls import body, scene
-from tests.oracles.engine import simulate as checked_by
 
 STIFF = {"stiffness": 1e7, "exponent": 1, "longest_step": 1e-4}
 RADII = 0.2

@@ -12,9 +12,9 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.actuators.reaction_wheels import ReactionWheels
 from spacerobot.pinocchio_engine import simulate as pinocchio
+from spacerobot.pinocchio_engine import simulate as second
 from spacerobot.scenario.load import validate
 from spacerobot.scene import build_scene, load_scene
-from tests.oracles.engine import simulate as second
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 MASS, TURN, WHEEL = 20.0, 2.0, 0.05

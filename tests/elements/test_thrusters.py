@@ -12,7 +12,7 @@ import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine import simulate as pinocchio_simulate
-from tests.oracles.engine import simulate as second
+from spacerobot.pinocchio_engine import simulate as second
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import small_scene
 from tests.pinocchio_engine.test_dockings import hold_together

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from spacerobot.closedloop import build_closed_loop
+from spacerobot.pinocchio_engine import PinocchioLoop, simulate
 from spacerobot.rollout import Trajectory, build_rollout
 from spacerobot.scene import Scene
-from tests.oracles.engine import Engine, simulate
-from tests.oracles.engine.outputs import outputs_at
 
 
 class Symbolic:
@@ -45,7 +44,7 @@ class Numeric:
     """The second engine."""
 
     def __init__(self, scene: Scene):
-        self.scene, self.engine = scene, Engine(scene)
+        self.scene, self.engine = scene, PinocchioLoop(scene)
         self.x0 = self.engine.x0
         self._first = build_names(scene)
 
@@ -57,7 +56,7 @@ class Numeric:
         return self.engine.derivative(t, x)
 
     def outputs(self, t: float, x: np.ndarray) -> dict[str, np.ndarray]:
-        return outputs_at(self.engine, t, x)
+        return self.engine.outputs(t, x)
 
     def run(self, duration_s: float, output_step_s: float, step_s: float = 2e-3) -> Trajectory:
         return simulate(

@@ -10,9 +10,9 @@ from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.studies.cost_sensitivities import cost_sensitivities
 from optim.planning.transcription.mesh import Mesh
+from spacerobot import pinocchio_engine
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from tests.oracles import engine as pinocchio_engine
 
 RAIL = """<robot name="rail"><link name="rail"/>
 <link name="cart"><inertial><mass value="2"/>

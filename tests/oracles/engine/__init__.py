@@ -10,18 +10,14 @@ from tests.oracles.engine import thrusters as _thrusters  # noqa: F401 (a writin
 from tests.oracles.engine.contacts import contact_of
 from tests.oracles.engine.engine import Engine
 from tests.oracles.engine.environments import environment_of
-from tests.oracles.engine.events import KINDS as EVENTS
 from tests.oracles.engine.grasps import grasp_of
 from tests.oracles.engine.references import leading, path_of, turn_of
 from tests.oracles.engine.robot_law import robot_law
 from tests.oracles.engine.sensing import reading_of
-from tests.oracles.engine.simulate import SteppedEngine, simulate
 from tests.oracles.engine.tip_control import tip_law
 
 __all__ = [
-    "EVENTS",
     "Engine",
-    "SteppedEngine",
     "contact_of",
     "environment_of",
     "grasp_of",
@@ -29,7 +25,6 @@ __all__ = [
     "path_of",
     "reading_of",
     "robot_law",
-    "simulate",
     "tip_law",
     "turn_of",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ import pinocchio as pin
 from spacerobot.common.arrays import Array
 from spacerobot.elements.grasps.capture import Capture
 from spacerobot.scene import Scene, SceneGrasp
-from tests.oracles.engine.grasps import Relative, Rest, mask
+from tests.oracles.engine.grasps import Rest
 from tests.oracles.engine.references import Jet, cubic_blend
 
 SHORTEST = 1e-6
@@ -75,38 +75,6 @@ class Life:
         value, rate, bend = cubic_blend(passed, min(passed, self.draw_time * (1 - 1e-15)), self.draw_time)
         return 1 - value, -rate, -bend
 
-    def captured(self, scene: Scene, capture: Capture, relative: Relative, t: float) -> Life:
-        """It closes where the tip is."""
-        lines, turns = mask(scene.translation_axes), mask(scene.rotation_axes)
-        back = relative.mate_rotation.T
-        way, angle = lines * relative.apart, turns * relative.turned
-        rates = (
-            (capture.draw_in, np.linalg.norm(way)),
-            (capture.draw_in_deg, np.degrees(np.linalg.norm(angle))),
-        )
-        least = SHORTEST, np.degrees(SHORTEST)
-        times = [
-            1.5 * float(np.hypot(length, short)) / rate
-            for (rate, length), short in zip(rates, least, strict=True)
-            if rate is not None
-        ]
-        return replace(
-            self,
-            closed=True,
-            inside=False,
-            drawing=bool(times),
-            captured_at=t,
-            draw_time=max(times, default=1.0),
-            velocity=lines * relative.slip[:3],
-            spin=turns * relative.slip[3:],
-            gap=back @ relative.apart,
-            turn=back @ angle,
-        )
-
-    def opened(self) -> Life:
-        """It lets go."""
-        return replace(self, closed=False, drawing=False, released=True)
-
 
 def _scaled(vector: Array, factor: tuple[float, float, float]) -> Jet:
     value, rate, bend = factor
@@ -130,21 +98,6 @@ def mated_orientation(grasp: SceneGrasp, at_start: Array) -> Array:
         return at_start
     mated: Array = pin.rpy.rpyToMatrix(np.radians(capture.mated_deg))
     return mated
-
-
-def room(scene: Scene, capture: Capture, relative: Relative) -> float:
-    """Room left in an envelope, above zero inside it: the least of 1 - (value / limit)^2."""
-    velocity = mask(scene.translation_axes) * relative.slip[:3]
-    axis = relative.mate_rotation @ (np.array(capture.axis) / np.linalg.norm(capture.axis))
-    closing = float(axis @ velocity)
-    values = {
-        "distance": np.linalg.norm(mask(scene.translation_axes) * relative.apart),
-        "misalignment_deg": np.degrees(np.linalg.norm(relative.turned)),
-        "closing_speed": abs(closing),
-        "lateral_speed": np.linalg.norm(velocity - closing * axis),
-        "spin_deg": np.degrees(np.linalg.norm(mask(scene.rotation_axes) * relative.slip[3:])),
-    }
-    return min(float(1 - (values[name] / getattr(capture, name)) ** 2) for name in capture.limits)
 
 
 def draws(grasp: SceneGrasp) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario import Robot, Scenario
@@ -15,7 +15,7 @@ from tests.oracles.engine.kinematics import Kinematics
 from tests.oracles.engine.life import Life
 from tests.oracles.engine.references import Begins, Leads, Motion, leading
 from tests.oracles.engine.robot_law import RobotLaw, robot_law
-from tests.oracles.engine.sight import Held, Holding, sight_of
+from tests.oracles.engine.sight import Held, sight_of
 from tests.oracles.engine.tip_control import Channel, tip_law
 
 
@@ -38,10 +38,6 @@ class Lead:
             yield self.since + end
 
 
-Touching = Literal["pressed", "loose"]
-"""Whether shapes that overlap press on each other; they do not while they part too fast."""
-
-
 @dataclass(frozen=True)
 class Mode:
     """What holds between two events.
@@ -52,9 +48,7 @@ class Mode:
         leads: What leads the tips, by label.
         began_at: When the phase began [s].
         on: Switches of actuators that are on.
-        settling, settled_at: Whether what the phase waits for moves slowly, and since when [s].
         held: What sensors measured last, by tip, reference and signal.
-        touching: Pairs of shapes that overlap, by the contact's name and the pair's number.
     """
 
     phase: str
@@ -62,27 +56,7 @@ class Mode:
     leads: Mapping[str, Lead]
     began_at: float = 0.0
     on: frozenset[str] = frozenset()
-    settling: bool = False
-    settled_at: float = 0.0
     held: Mapping[str, Held] = field(default_factory=dict)
-    touching: Mapping[str, Touching] = field(default_factory=dict)
-
-    def with_touching(self, pair: str, touching: Touching | None) -> Mode:
-        """Another state of one pair of shapes; None where they are apart."""
-        others = {name: value for name, value in self.touching.items() if name != pair}
-        return replace(self, touching=others if touching is None else {**others, pair: touching})
-
-    def with_measured(self, sensor: Holding, now: Kinematics) -> Mode:
-        """With what a sensor measures now."""
-        held, label = {**self.held, sensor.name: sensor.measured(now, self.held)}, sensor.sight.tip.label
-        lead = self.leads[label]
-        seen = sight_of(sensor.sight.scene, sensor.sight.tip, lead.reference, held)
-        leads = {**self.leads, label: replace(lead, leads=lead.leads.seeing(seen))}
-        return replace(self, held=held, leads=leads)
-
-    def with_life(self, name: str, life: Life) -> Mode:
-        """Another life of one grasp."""
-        return replace(self, lives={**self.lives, name: life})
 
 
 @dataclass(frozen=True)
