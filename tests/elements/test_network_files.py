@@ -8,7 +8,7 @@ import pytest
 import spacerobot as sr
 from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.elements.controllers.network_files import read_network
-from tests.oracles.engine.neural import ACTIVATIONS
+from tests.elements.test_neural import ACTIVATIONS
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 RNG = np.random.default_rng(4)

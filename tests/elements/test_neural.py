@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import itertools
 import shutil
+from typing import get_args
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import spacerobot as sr
 from spacerobot.common.errors import ScenarioError, SpaceRobotError
 from spacerobot.elements.controllers.network_files import MOST_WEIGHTS, read_network
-from tests.oracles import engine as independent
-from tests.oracles.small_scenes import PLANAR, folder, random_x, small_scene
+from spacerobot.elements.controllers.neural import Activation, Input
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
+from tests.oracles.motions import DesiredMotions
+from tests.oracles.small_scenes import ONE_SPATIAL_ARM, PLANAR, folder, random_x, small_scene
 
 INPUTS = ["joint_position", "joint_rate", "base_spin", "target_position"]
 OUTPUTS = ["joint_torque", "base_force", "base_torque"]
@@ -55,17 +59,77 @@ def scene_of(**section):
     return small_scene(PLANAR, changes)
 
 
-@pytest.mark.parametrize("activation", ["tanh", "softplus", "sigmoid", "silu"])
+ACTIVATIONS = {
+    "tanh": np.tanh,
+    "softplus": lambda x: np.logaddexp(0, x),
+    "sigmoid": lambda x: 1 / (1 + np.exp(-x)),
+    "silu": lambda x: x / (1 + np.exp(-x)),
+    "linear": lambda x: x,
+}
+
+
+@pytest.mark.parametrize("activation", get_args(Activation))
 @pytest.mark.parametrize("axes", ["base", "world"])
-def test_every_activation_and_both_axes_agree_with_numpy(activation, axes):
-    scene = scene_of(activation=activation, axes=axes, output_activation="tanh")
-    loop, oracle = sr.build_closed_loop(scene), independent.Engine(scene)
-    _, c = loop.setup(loop.parameter_values)
-    first = scene.model.nq + scene.model.nv
-    own = [*range(first), *(loop.state_names.index(name) for name in oracle.state_names)]
-    x = random_x(scene, np.random.default_rng(3), loop.nx)
-    rate = loop.dynamics(0.3, x, loop.at(0.3, x, c)).full().ravel()
-    np.testing.assert_allclose(rate[own], oracle.derivative(0.3, x[own]), rtol=1e-8, atol=1e-8)
+def test_every_measurement_and_command_of_a_network_in_space_by_numpy(activation, axes):
+    inputs = [name for name in get_args(Input) if not name.startswith("joint_")]
+    inputs += ["joint_rate", "joint_position"]
+    outputs = ["tip_torque", "joint_torque", "base_force", "tip_force", "base_torque"]
+    named = arrays(3 * len(inputs) + 2, 5, 16)  # an arm of four joints
+    policy = {
+        "kind": "neural",
+        "layers": layers(named),
+        "inputs": inputs,
+        "outputs": outputs,
+        "frame": "right",
+    }
+    policy |= {"activation": activation, "axes": axes, "output_activation": "tanh", "scales": [1, 2, 3, 4, 5]}
+    changes = {f"robots.one.tips.tip.{key}": None for key in ("pid", "amnesia")}
+    changes |= {"robots.one.actuators": {"ideal": {"kind": "base_wrench"}}}
+    scene = small_scene(ONE_SPATIAL_ARM, changes | {"robots.one.controllers": {"policy": policy}})
+    desired, model = DesiredMotions(scene), scene.model
+    x = random_x(scene, np.random.default_rng(3), len(desired.x0))
+    state = MechanicalState(model, x[: model.nq], x[model.nq : model.nq + model.nv])
+    start = MechanicalState(model, np.array(scene.q), np.zeros(model.nv))
+    body, frame = scene.bodies[0], model.getFrameId("target/right")
+    base, tip, target = (state.frame(one) for one in (body.root_frame, scene.tips[0].frame, frame))
+    wanted = desired.at(0.3, x)["one/tip"]
+    along = base.rotation if axes == "base" else np.eye(3)
+
+    def turn(rotation, since):
+        return pin.log3(rotation @ since.T)
+
+    seen = {
+        "base_position": base.position,
+        "base_orientation": turn(base.rotation, start.frame(body.root_frame).rotation),
+        "base_velocity": base.velocity[:3],
+        "base_spin": base.velocity[3:],
+        "tip_position": tip.position - (base.position if axes == "base" else 0),
+        "tip_orientation": turn(tip.rotation, wanted.rotation),
+        "tip_velocity": tip.velocity[:3],
+        "tip_angular_velocity": tip.velocity[3:],
+        "target_position": target.position - tip.position,
+        "target_orientation": turn(target.rotation, tip.rotation),
+        "target_velocity": target.velocity[:3],
+        "target_spin": target.velocity[3:],
+    }
+    seen = {name: along.T @ vector for name, vector in seen.items()}
+    joints = [model.joints[joint] for joint in body.driven_joints]
+    angles = [x[j.idx_q] if j.nq == 1 else np.arctan2(x[j.idx_q + 1], x[j.idx_q]) for j in joints]
+    columns = [joint.idx_v for joint in joints]
+    seen |= {"joint_position": np.array(angles), "joint_rate": state.v[columns]}
+    h = np.concatenate([seen[name] for name in inputs])
+    h = ACTIVATIONS[activation](named["0.weight"] @ h + named["0.bias"])
+    h = np.tanh(named["2.weight"] @ h + named["2.bias"])
+    couple, torque, force, push, turning = (
+        scale * part for scale, part in zip([1, 2, 3, 4, 5], np.split(h, [3, 7, 10, 13]), strict=True)
+    )
+    torque = torque + tip.jacobian[:, columns].T @ np.r_[along @ push, along @ couple]
+    found = desired.outputs(0.3, x)
+    np.testing.assert_allclose(
+        found["joint_torque"][: len(columns), 0], torque[np.argsort(columns)], rtol=1e-9
+    )
+    for name, vector in (("base_force", force), ("base_torque", turning)):
+        np.testing.assert_allclose(base.rotation @ found[name][:3, 0], along @ vector, rtol=1e-9)
 
 
 def test_the_gradient_by_weights_is_that_of_finite_differences():
