@@ -12,8 +12,10 @@ from spacerobot.closedloop.stiffness import find_poles
 from spacerobot.common.errors import ScenarioError
 from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf
 from spacerobot.pinocchio_engine import simulate
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from spacerobot.scene import load_scene
-from tests.oracles.small_scenes import ODD_ARM, small_scene
+from tests.oracles.motions import DesiredMotions
+from tests.oracles.small_scenes import ODD_ARM, random_x, small_scene
 from tests.oracles.two_engines import Symbolic
 
 PLANAR = """
@@ -82,6 +84,72 @@ def test_the_tip_comes_to_its_reference_though_the_base_gives_way(folder):
     assert np.linalg.norm(moved) > 5e-3  # or nothing is tested
     assert np.linalg.norm(error, axis=1).max() < 2e-5
     assert np.abs(run.outputs["body_rotation"]).max() > 1e-3
+
+
+@pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
+def test_joints_accelerate_by_the_damped_generalized_jacobian(folder, text):
+    """By the gains k of errors and r of rates, with the base's reaction by Pinocchio's inertia and bias:
+
+    ``q'' = J# (x_ref'' + k (x_ref' - x') - g) + r (J# (x_ref' + k e - x' + J q') - q'),
+    J# = J^T (J J^T + d^2)^-1``, g the tip's acceleration at q'' = 0, and the last q' as a sensor reads it.
+    """
+    text = text.replace("orientation: false, damping: 1e-6", "orientation: false, damping: 0.1")
+    text = text.replace("orientation: false", "orientation: true")
+    text = text.replace(
+        "    controllers:", "    sensors: {joint_rate: {offset: 0.02, scale: 0.9}}\n    controllers:"
+    )
+    scene = scene_of(folder, "gain: 2, rate_gain: 15", text)
+    desired, model = DesiredMotions(scene), scene.model
+    body = scene.bodies[0]
+    joints = [int(model.idx_vs[joint]) for joint in body.driven_joints]
+    base = list(range(model.nvs[body.root_joint]))
+    axes = [*scene.translation_axes, *(axis + 3 for axis in scene.rotation_axes)]
+    for seed in range(2):
+        x = random_x(scene, np.random.default_rng(seed), len(desired.x0))
+        wanted, (q, v) = desired.at(0.4, x)["arm/tip"], parts(scene, x)
+        state = MechanicalState(model, q, v)
+        tip = state.frame(scene.tips[0].frame)
+        inertia = state.inertia[np.ix_(base, base)]
+        reaction = -np.linalg.solve(inertia, state.inertia[np.ix_(base, joints)])
+        falling = -np.linalg.solve(inertia, state.bias[base])
+        jacobian = (tip.jacobian[:, joints] + tip.jacobian[:, base] @ reaction)[axes]
+        error = np.r_[wanted.position - tip.position, pin.log3(wanted.rotation @ tip.rotation.T)]
+        rate = np.r_[wanted.velocity, wanted.angular_velocity] - tip.velocity
+        ahead = np.r_[wanted.acceleration, wanted.angular_acceleration] + 2 * rate
+        ahead = (ahead - tip.drift - tip.jacobian[:, base] @ falling)[axes]
+        inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + 0.01 * np.eye(len(axes)))
+        rates = inverse @ ((rate + 2 * error)[axes] + jacobian @ v[joints])
+        expected = inverse @ ahead + 15 * (rates - (0.02 + 0.9 * v[joints]))
+        found = desired.rate(0.4, x)[model.nq : model.nq + model.nv][joints]
+        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+PAYLOAD = {"mass": 5, "com": [0.1, -0.05, 0.2], "inertia": [0.5, 0.6, 0.7, 0.02, -0.03, 0.04]}
+
+
+def test_a_payload_counts_as_a_link_at_the_tip(folder):
+    """Torques of a robot with that link are those for half a payload of twice its numbers, in any posture."""
+    xx, yy, zz, xy, xz, yz = PAYLOAD["inertia"]
+    link = f"""<link name="load"><inertial><origin xyz="{" ".join(map(str, PAYLOAD["com"]))}"/>
+      <mass value="{PAYLOAD["mass"]}"/>
+      <inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="{xz}" iyz="{yz}"/></inertial></link>
+      <joint name="hold" type="fixed"><parent link="tip"/><child link="load"/></joint></robot>"""
+    (folder / "loaded.urdf").write_text(ODD_ARM.replace("</robot>", link))
+    twice = {
+        f"robots.arm.controllers.lead.payload_{key}": (2 * np.array(PAYLOAD[key])).tolist()
+        for key in ("mass", "inertia")
+    }
+    twice |= {"robots.arm.controllers.lead.payload_com": PAYLOAD["com"]}
+    twice |= {"robots.arm.controllers.lead.payload_fraction": 0.5}
+    pull, torques = {"gravity": [0.3, -0.5, 0.2]}, []
+    for urdf, changes in (("loaded", {}), ("odd_arm", twice)):
+        scene_of(folder, "gain: 2", SPATIAL.replace("odd_arm", urdf))
+        scene = load_scene(folder / "scenario.yaml", pull | changes)
+        own = Symbolic(scene)
+        x = random_x(scene, np.random.default_rng(4), len(own.x0))
+        torques.append(own.outputs(0.4, x)["joint_torque"])
+    assert np.abs(torques[0]).max() > 1
+    np.testing.assert_allclose(torques[0], torques[1], rtol=1e-9)
 
 
 @pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
