@@ -57,7 +57,8 @@ def mechanics(scene, x):
 @pytest.mark.parametrize("case", SCENES)
 @pytest.mark.parametrize("t", [0.3, 0.9, 1.1 + 0.4 * CLOSING, END + 0.1])
 def test_velocity_and_acceleration_are_the_rates_of_what_is_asked_for(case, t):
-    scene, h = drifting(case), 1e-5
+    pull = {"planar": [0.3, -1.6, 0], "spatial": [0.2, 0.5, -3]}[case]
+    scene, h = drifting(case, gravity=pull), 1e-5
     desired = DesiredMotions(scene)
     x = random_x(scene, np.random.default_rng(2), len(desired.x0))
     rate = desired.rate(t, x)

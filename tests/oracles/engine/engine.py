@@ -36,7 +36,6 @@ from tests.oracles.engine.mode import Laws, Mode, laws_of, led
 from tests.oracles.engine.outside import IMPULSE, impulse_rate, on_bases
 from tests.oracles.engine.references import Motion
 from tests.oracles.engine.robot_law import Asking
-from tests.oracles.engine.sight import holding
 from tests.oracles.engine.tip_control import Channel, Command
 
 WORKS = ("actuator", "joint", "grasp", "constraint")
@@ -100,8 +99,7 @@ class Engine:
         self.laws = laws_of(scene)
         phase = next(iter(self.laws))
         now = self.laws[phase].scene
-        held = {sensor.name: sensor.measured(start, {}) for sensor in holding(now)}
-        self.mode = Mode(phase, first_lives(scene), led(now, phase, start, 0.0, {}, held), held=held)
+        self.mode = Mode(phase, first_lives(scene), led(now, phase, start, 0.0, {}))
         self.mated = {g.name: mated_orientation(g, rest_orientation(start, g)) for g in scene.grasps}
         self.root_rotations = [start.frame(body.root_frame).rotation for body in scene.bodies]
         self.resistance = _resistance(scene)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from spacerobot.common.errors import ScenarioError
@@ -15,7 +15,6 @@ from tests.oracles.engine.kinematics import Kinematics
 from tests.oracles.engine.life import Life
 from tests.oracles.engine.references import Begins, Leads, Motion, leading
 from tests.oracles.engine.robot_law import RobotLaw, robot_law
-from tests.oracles.engine.sight import Held, sight_of
 from tests.oracles.engine.tip_control import Channel, tip_law
 
 
@@ -48,7 +47,6 @@ class Mode:
         leads: What leads the tips, by label.
         began_at: When the phase began [s].
         on: Switches of actuators that are on.
-        held: What sensors measured last, by tip, reference and signal.
     """
 
     phase: str
@@ -56,7 +54,6 @@ class Mode:
     leads: Mapping[str, Lead]
     began_at: float = 0.0
     on: frozenset[str] = frozenset()
-    held: Mapping[str, Held] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -173,7 +170,6 @@ def led(
     now: Kinematics,
     t: float,
     before: Mapping[str, Lead],
-    held: Mapping[str, Held],
 ) -> dict[str, Lead]:
     """What leads each tip in a phase that begins at time t [s]; a reference that led before goes on."""
     found = {}
@@ -183,11 +179,10 @@ def led(
             next(r for r in tip.references if not phase or phase in r.phases),
             before.get(tip.label),
         )
-        sight = sight_of(scene, tip, reference, held)
         if old is not None and old.reference is reference:
-            found[tip.label] = replace(old, leads=old.leads.seeing(sight))
+            found[tip.label] = old
             continue
         ahead = old.at(t, t, now) if old is not None and from_reference else None
-        begins = Begins(scene, tip, now, sight, reference.from_target, ahead)
+        begins = Begins(scene, tip, now, reference.from_target, ahead)
         found[tip.label] = Lead(reference, t, leading(reference.config, begins))
     return found

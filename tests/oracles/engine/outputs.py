@@ -20,7 +20,6 @@ from tests.oracles.engine.joint_control import angle_of
 from tests.oracles.engine.kinematics import rotation_vector
 from tests.oracles.engine.outside import on_bases
 from tests.oracles.engine.sensing import reading_of, sensors_of
-from tests.oracles.engine.sight import seen_by_references
 
 
 def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
@@ -205,13 +204,6 @@ def _measured(engine: Engine, instant: Instant) -> dict[str, Array]:
                 if tip.body is body:
                     _read(engine, instant, (body, tip, {n for n in reads if n.startswith("tip_")}), signals)
             _read(engine, instant, (body, None, {n for n in reads if n.startswith("joint_")}), signals)
-    for sensor in seen_by_references(engine.now.scene):
-        label = sensor.sight.tip.label
-        path = engine.mode.leads[label].reference.path
-        if label not in signals[sensor.signal] or sensor.sight.name == f"{label}.{path}":
-            held = engine.mode.held.get(sensor.name)
-            now = sensor.sight.shown(sensor.signal, instant.kinematics)
-            signals[sensor.signal][label] = now if held is None else held.shown
     joints = dict.fromkeys(label for name in ("joint_position", "joint_rate") for label in signals[name])
     labels = {True: list(joints), False: [tip.label for tip in engine.scene.tips]}
     return {

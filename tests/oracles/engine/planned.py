@@ -18,7 +18,6 @@ from spacerobot.elements.references.plan_following import PhasedPlan, TipMotion
 from tests.oracles.engine.kinematics import Kinematics, cross
 from tests.oracles.engine.references import Begins, Leads, Motion, leading
 from tests.oracles.engine.robot_law import Asking
-from tests.oracles.engine.sight import Sight
 
 Piece = TypeVar("Piece")
 SMALL = 1e-3
@@ -69,11 +68,6 @@ class PlannedTip:
 
     planned: TipMotion
     ends: tuple[float, ...] = ()
-
-    def seeing(self, sight: Sight) -> PlannedTip:
-        """Itself: it sees nothing."""
-        del sight
-        return self
 
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""

@@ -27,7 +27,6 @@ from spacerobot.elements.references.spline import Spline
 from spacerobot.scene import Scene, SceneTip
 from tests.oracles.engine.kinematics import Kinematics, cross
 from tests.oracles.engine.laws import refusal
-from tests.oracles.engine.sight import Sight
 
 Jet = tuple[Array, Array, Array]
 """A value with its first and second derivative with respect to time."""
@@ -68,11 +67,6 @@ class TipReference:
     rotation: Array
     ends: tuple[float, ...] = ()
 
-    def seeing(self, sight: Sight) -> TipReference:
-        """Itself: it sees nothing."""
-        del sight
-        return self
-
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
         del kinematics
@@ -98,9 +92,6 @@ class Leads(Protocol):
     def ends(self) -> tuple[float, ...]:
         """Times since it began at which it is not smooth, beside those that its section tells [s]."""
 
-    def seeing(self, sight: Sight) -> Leads:
-        """The same that sees otherwise from now on."""
-
     def at(self, t: float, within: float, kinematics: Kinematics) -> Motion:
         """Motion at time t [s], by the piece that holds at ``within`` [s]."""
 
@@ -112,7 +103,6 @@ class Begins:
     Attributes:
         scene, tip: The scene, and the tip.
         start: Where everything is, and how it moves.
-        sight: What the tip sees of the mating frame that the reference follows, if it does.
         carried: Whether the reference belongs to the target, whose centre it then moves, and not to the tip
             itself.
         ahead: What led the tip until now, where the reference begins there and not at the tip's pose.
@@ -121,7 +111,6 @@ class Begins:
     scene: Scene
     tip: SceneTip
     start: Kinematics
-    sight: Sight
     carried: bool
     ahead: Motion | None = None
 
