@@ -7,21 +7,17 @@ The robot finds theta_d by resolved rates in a model of itself whose base stands
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.interpolate import KroghInterpolator
 
 from spacerobot.common.arrays import Array
 from spacerobot.elements.controllers.joint_pd import JointPd
-from spacerobot.elements.controllers.joint_plan import JointPlanController
 from spacerobot.elements.controllers.policy import Policy
 from spacerobot.scene import Scene, SceneBody
 from tests.oracles.engine.kinematics import Kinematics, rotation_vector
-from tests.oracles.engine.planned import Pieces, hermite, plan_time, window_ends
 from tests.oracles.engine.references import Motion
 from tests.oracles.engine.robot_law import Asked, Asking, RobotLaw, robot_law
 from tests.oracles.engine.sensing import reading_of, sensors_of
@@ -144,62 +140,6 @@ def _set_position(joint: Any, value: float, q: Array) -> None:
 
 
 @dataclass(frozen=True)
-class JointTracker(_Joints):
-    """A robot that follows a planned motion of its joints."""
-
-    config: JointPlanController
-    state_names: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def ends(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Knots of the plan behind the first one, of each of its phases."""
-        return window_ends(self.config.planned, bool(self.scene.scenario.phases))
-
-    def initial(self, kinematics: Kinematics) -> Array:
-        """No states."""
-        del kinematics
-        return np.empty(0)
-
-    def ask(self, now: Asking, states: Array) -> Asked:
-        """Torques along the plan."""
-        wanted, wanted_rate, planned = self._planned(now)
-        angle, rate = self._read(now.kinematics, wanted)
-        torque = self.config.feed_forward * planned
-        torque = torque + self.config.kp * (wanted - angle) + self.config.kd * (wanted_rate - rate)
-        return Asked(self._effort(torque), states)
-
-    def _planned(self, now: Asking) -> tuple[Array, Array, Array]:
-        """Positions, rates and torques (n,), joints in the robot's order."""
-        plan = self.config.planned
-        t, within = (time - self.config.begins for time in plan_time(plan, now))
-        none = np.zeros(len(self._order))
-        if within >= plan.times[-1]:
-            return np.array(plan.position[-1])[self._order], none, none
-        motion, effort = self._pieces.at(within)
-        position, rate = motion.derivatives(t, 2)
-        return position, rate, none if effort is None else effort(t)
-
-    @functools.cached_property
-    def _order(self) -> list[int]:
-        """Columns of the plan's rows, joints in the robot's order."""
-        names = [self.body.joint_name(self.scene.model, joint) for joint in self.body.driven_joints]
-        return [self.config.planned.joints.index(name) for name in names]
-
-    @functools.cached_property
-    def _pieces(self) -> Pieces[tuple[KroghInterpolator, KroghInterpolator | None]]:
-        return Pieces(self.config.planned.times, self.config.planned.points, self._piece)
-
-    def _piece(self, piece: slice) -> tuple[KroghInterpolator, KroghInterpolator | None]:
-        """Positions and efforts of an interval."""
-        plan, times = self.config.planned, np.array(self.config.planned.times[piece])
-        position, rate = (np.array(rows[piece])[:, self._order] for rows in (plan.position, plan.rate))
-        if plan.effort is None:
-            return hermite(times, position, rate), None
-        effort = KroghInterpolator(times, np.array(plan.effort[piece])[:, self._order])
-        return hermite(times, position, rate), effort
-
-
-@dataclass(frozen=True)
 class HeldTorques(_Joints):
     """Joint torques that are held: states without a rate; without a wrench on the base."""
 
@@ -230,12 +170,6 @@ def _(controller: Policy, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
 @robot_law.register
 def _(controller: JointPd, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
     return JointController(scene, body, key, controller)
-
-
-@robot_law.register
-def _(controller: JointPlanController, scene: Scene, body: SceneBody, key: str) -> RobotLaw:
-    del key
-    return JointTracker(scene, body, controller)
 
 
 def null_space(
