@@ -105,6 +105,22 @@ def test_what_one_set_leaves_is_taken_by_the_next(folder):
     )
 
 
+def test_what_joints_as_wheels_leave_is_taken_by_the_next(folder):
+    base, joints = {"joint": "free_flyer", "spin_deg": [0, 0, 8]}, {"kind": "wheel_joints", "joints": "*"}
+    scene = scene_of(folder, joints | {"torque_limit": 0.02}, base, {"kd": 1.2}, urdf="rotors")
+    body = scene.scenario.robots["bus"]
+    more = {"wheels": body.actuators["wheels"], "other": ReactionWheels(axes=((0, 0, -1),), inertia=0.1)}
+    robots = {"bus": body.model_copy(update={"actuators": more})}
+    scene = build_scene(
+        scene.scenario.model_copy(update={"robots": robots}), {"robots.bus.joints.*.damping": 0}
+    )
+    data = simulate(scene, backend="interpreted").data
+    spin = np.radians(8) * np.exp(-1.2 * data.time.values / TURN)
+    np.testing.assert_allclose(data.v.sel(velocity="v.bus/root[5]"), spin, atol=1e-10)
+    given = data.wheel_torque.sel(wheel="bus/wheels.2")
+    np.testing.assert_allclose(given, np.minimum(0.02, 1.2 * spin), atol=1e-10)
+
+
 def test_a_wheel_that_rubs_spins_its_body_up(folder):
     """Free of torque from outside: speed s' = -c s (1/J + 1/I), and the body takes what the wheel loses."""
     c, speed = 0.02, 40.0
@@ -374,17 +390,25 @@ def test_gradients_by_the_time_at_which_a_wheel_fails_are_exact(folder, mode):
     np.testing.assert_allclose(slopes, fine + (fine - coarse) / 3, atol=1e-5 * np.abs(slopes).max())
 
 
-def test_a_pyramid_shares_torque_out_evenly(folder):
-    wheels = {"pyramid": {"tilt_deg": 25}, "inertia": WHEEL}
-    scene = scene_of(folder, wheels, {"joint": "free_flyer"}, {"kp": 1.0, "attitude_deg": [10, -20, 30]})
+def pyramid_axes(tilt_deg):
+    around, tilt = np.radians([0, 90, 180, 270]), np.radians(tilt_deg)
+    return np.array([np.cos(tilt) * np.cos(around), np.cos(tilt) * np.sin(around), np.full(4, np.sin(tilt))])
+
+
+@pytest.mark.parametrize(
+    "axes", [None, [[1, 0, 0.5], [0, 1, 0], [0.2, 0.3, 2], [1, 1, 1]], [[1, 0, 1], [0, 2, 0]]]
+)
+def test_wheels_share_torque_by_the_pseudo_inverse_of_their_axes(folder, axes):
+    wheels = {"pyramid": {"tilt_deg": 25}} if axes is None else {"axes": axes}
+    control = {"kp": 1.0, "attitude_deg": [10, -20, 30]}
+    scene = scene_of(folder, wheels | {"inertia": WHEEL}, {"joint": "free_flyer"}, control)
     loop = build_closed_loop(scene)
     x, c = loop.setup(loop.parameter_values)
     named = dict(zip(loop.outputs.name_out(), loop.outputs(0, x, c), strict=True))
     torque = named["wheel_torque"].full().ravel()
-    around, tilt = np.radians([0, 90, 180, 270]), np.radians(25)
-    axes = np.array([np.cos(tilt) * np.cos(around), np.cos(tilt) * np.sin(around), np.full(4, np.sin(tilt))])
+    lines = pyramid_axes(25) if axes is None else np.transpose([a / np.linalg.norm(a) for a in axes])
     asked = named["base_attitude_error"].full().ravel()[:3]
-    np.testing.assert_allclose(torque, -np.linalg.pinv(axes) @ asked, atol=1e-14)
+    np.testing.assert_allclose(torque, -np.linalg.pinv(lines) @ asked, atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -450,11 +474,6 @@ PYRAMID = {"pyramid": {"tilt_deg": 35}, "inertia": WHEEL, "speeds": [20, -20, 15
 HELD = {"kp": 2.0, "kd": 2.5, "attitude_deg": [40, -20, 30]}
 
 
-def pyramid_axes():
-    around, tilt = np.radians([0, 90, 180, 270]), np.radians(35)
-    return np.array([np.cos(tilt) * np.cos(around), np.cos(tilt) * np.sin(around), np.full(4, np.sin(tilt))])
-
-
 @pytest.mark.parametrize("mode", ["seized", "off"])
 def test_wheels_that_are_left_share_the_torque_by_the_pseudo_inverse_of_their_axes(folder, mode):
     """After the failure torques are ``-A'^+ T`` of the other three, in both engines."""
@@ -465,7 +484,7 @@ def test_wheels_that_are_left_share_the_torque_by_the_pseudo_inverse_of_their_ax
     spin = np.array([data.v.sel(velocity=f"v.bus/root[{i}]") for i in (3, 4, 5)]).T
     rotations = [quaternion_matrix(row[3:7]) for row in data.q.values]
     asked = np.array([r.T @ e for r, e in zip(rotations, asked, strict=True)]) - HELD["kd"] * spin
-    axes, after = pyramid_axes(), data.time.values > 0.51
+    axes, after = pyramid_axes(35), data.time.values > 0.51
     left = [0, 2, 3]
     torque = data.wheel_torque.values
     np.testing.assert_allclose(

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-import tests.oracles.engine.transmissions
-import tests.oracles.engine.wheels  # noqa: F401 (registers its kinds)
 from spacerobot.common.arrays import Array
 from spacerobot.pinocchio_engine.mechanical_state import configuration_rate, coordinates
 from spacerobot.scene import Scene, SceneGrasp
