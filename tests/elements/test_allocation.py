@@ -11,8 +11,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
-from spacerobot.elements.actuators.allocation import EVEN, ThrusterLayout, allocate, steps_needed
-from tests.oracles.engine.thrusters import _shared
+from spacerobot.elements.actuators.allocation import (
+    EVEN,
+    NEAREST,
+    ThrusterLayout,
+    allocate,
+    steps_needed,
+)
 
 DETUMBLE = 2 * np.array(
     [
@@ -56,19 +61,24 @@ def drawn(seed, rows, count):
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 100_000))
 @example(seed=17263)  # two come to a kink at once, and one hardly moves from there
+@example(seed=4084)  # nearly singular: the nearest wrench costs so much that 3e-5 of it is left
 def test_no_wrench_is_nearer_and_none_as_near_is_cheaper(size, seed):
+    """Neither the nearest wrench nor the cheapest parts of the same wrench have a smaller objective."""
     matrix, flows, wanted = drawn(seed, *size)
     parts = sharing(*size)(matrix, flows, wanted, 0)[0].full().ravel()
     assert parts.min() >= 0
     assert parts.max() <= 1
-    best = lsq_linear(matrix, wanted, (0, 1), tol=1e-13).x
-    missed, least = (np.linalg.norm(matrix @ a - wanted) for a in (parts, best))
-    assert missed - least < 1e-5 * (1 + np.linalg.norm(wanted))
+
+    def objective(a):
+        costs = flows / flows.mean()
+        return np.sum((matrix @ a - wanted) ** 2) / (2 * NEAREST) + costs @ (a + EVEN * a**2 / 2)
+
+    nearest = lsq_linear(matrix, wanted, (0, 1), tol=1e-13).x
     cheapest = linprog(flows, A_eq=matrix, b_eq=matrix @ parts, bounds=(0, 1))
     assert flows @ parts <= (1 + EVEN / 2) * cheapest.fun + 1e-5
-    other = _shared(matrix, flows, wanted)
-    np.testing.assert_allclose(matrix @ parts, matrix @ other, atol=1e-6)
-    np.testing.assert_allclose(parts, other, atol=2e-5)  # nearly singular layouts magnify what e leaves
+    rounding = 1e-15 * (1 + wanted @ wanted) / NEAREST
+    for other in (nearest, cheapest.x):
+        assert objective(parts) <= objective(np.clip(other, 0, 1)) + rounding
 
 
 def test_the_thrusters_of_detumble_spend_the_least():
@@ -83,6 +93,23 @@ def test_the_thrusters_of_detumble_spend_the_least():
         np.testing.assert_allclose(matrix @ parts, wanted, atol=1e-6)
         ratios.append(parts.sum() / linprog(flows, A_eq=matrix, b_eq=wanted, bounds=(0, 1)).fun)
     assert max(ratios) < 1.001
+
+
+def test_parts_satisfy_the_conditions_of_the_optimum():
+    """Gradient of ``|A a - w|^2 / 2 e + sum c (a + d a^2 / 2)``: zero inside, outwards at the bounds."""
+    rng, matrix, share, inside = np.random.default_rng(5), scaled(DETUMBLE), sharing(3, 8), 0
+    for k in range(40):
+        flows = rng.uniform(0.5, 2, 8)
+        wanted = rng.choice([0.1, 0.5, 3]) * rng.normal(size=3)
+        parts = share(matrix, flows, wanted, 0)[0].full().ravel()
+        costs = flows / flows.mean()
+        gradient = costs * (1 + EVEN * parts) - matrix.T @ (wanted - matrix @ parts) / NEAREST
+        free = (parts > 0) & (parts < 1)
+        np.testing.assert_allclose(gradient[free], 0, atol=1e-4, err_msg=str(k))  # 1e-12 of a part by e
+        assert (gradient[parts == 0] > -1e-4).all()
+        assert (gradient[parts == 1] < 1e-4).all()
+        inside += free.sum()
+    assert inside > 40
 
 
 @pytest.mark.parametrize("size", [(3, 6), (6, 8)], ids=["planar", "spatial"])

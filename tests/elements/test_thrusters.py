@@ -252,12 +252,18 @@ def test_the_second_engine_switches_and_unloads_alike(changes):
     assert (len([name for name in names if name.endswith(".cut")]) > 8) == pulsed
 
 
-def test_the_second_engine_gives_the_on_times_of_scipys_least_squares():
-    """Of nozzles through the centre of mass, whose wanted force is that of a spring and a damper."""
+@pytest.mark.parametrize("shortest", [0.0, 0.09])
+def test_the_second_engine_gives_the_on_times_of_scipys_least_squares(shortest):
+    """Of nozzles through the centre of mass, whose wanted force is that of a spring and a damper.
+
+    Half of the shortest pulse and more become a whole one, longer pulses the nearest multiple of 0.03 s.
+    """
     lines = {"a": [-1, 0, 0], "c": [1, 0, 0], "e": [0, -1, 0], "g": [0, 1, 0]}
     nozzles = {name: {"position": [0, 0, 0], "direction": line} for name, line in lines.items()}
     stay = {"kind": "base_position", "kp": 4, "kd": 8}
     changes = PULSED | {f"{JETS}.nozzles": nozzles, "robots.one.controllers": {"stay": stay}}
+    if shortest:
+        changes |= {f"{JETS}.minimum_on_time": shortest, f"{JETS}.resolution": 0.03}
     found = second(small_scene(PLATE, changes), duration_s=0.85, output_step_s=0.1, rtol=1e-9)
     decided = [event for event in found.happened if event.kind == "control"]
     assert len(decided) == 3
@@ -266,13 +272,43 @@ def test_the_second_engine_gives_the_on_times_of_scipys_least_squares():
         place, speed = event.before[:2] - first[:2], event.before[4:6]
         parts = lsq_linear(matrix, -4 * place - 8 * speed, (0, 1), tol=1e-12).x
         parts -= np.minimum(parts, parts[[1, 0, 3, 2]])  # none against each other, which spends less
+        times = 0.4 * parts
+        if shortest:
+            steps = np.maximum(shortest, 0.03 * np.round(times / 0.03))
+            times = np.where(times < shortest / 2, 0, steps)
         cuts = [e for e in found.happened if e.kind == "cut" and 0 <= e.time_s - event.time_s < 0.4 - 1e-9]
         on = {e.who[-1]: e.time_s - event.time_s for e in cuts}
         assert len(cuts) == len(lines)
-        np.testing.assert_allclose([on[name] for name in lines], 0.4 * parts, atol=2e-6)
+        np.testing.assert_allclose([on[name] for name in lines], times, atol=2e-6)
     total, given = found.outputs["momentum_linear"], found.outputs["impulse_linear"]
     assert np.abs(given[-1]).max() > 0.05
     np.testing.assert_allclose(total - given, np.broadcast_to(total[0], total.shape), atol=1e-9)
+
+
+TURNED = """
+robots:
+  one:
+    urdf: odd_arm.urdf
+    base: {joint: free_flyer, rotation_deg: [30, -40, 70]}
+    joints: {'*': {locked: true}}
+    actuators:
+      jets: {kind: thrusters, thrust: 9, unload: {rate: 0.5, goal: [0.1, 0, -0.2]}, nozzles: NOZZLES}
+      wheels:
+        {kind: reaction_wheels, axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], inertia: 0.02, speeds: [9, 20, -30]}
+simulation: {duration: 1}
+"""
+
+
+def test_wheels_are_unloaded_in_the_axes_of_the_body_that_carries_them():
+    """Couples about each axis of the root link take off what its wheels hold beyond the goal."""
+    sides, nozzles = np.vstack([np.eye(3), -np.eye(3)]).tolist(), {}
+    for k, (side, push) in enumerate((a, b) for a in sides for b in sides if not np.dot(a, b)):
+        nozzles[f"n{k}"] = {"position": side, "direction": push}
+    loop = build_closed_loop(small_scene(TURNED.replace("NOZZLES", str(nozzles))))
+    x, c = loop.setup(loop.parameter_values)
+    outputs = dict(zip(loop.outputs.name_out(), loop.outputs(0, x, c), strict=True))
+    over = 0.02 * np.array([9, 20, -30]) - [0.1, 0, -0.2]
+    np.testing.assert_allclose(outputs["base_torque"].full()[:, 0], -0.5 * over, atol=1e-5)
 
 
 def test_pulses_take_no_room_among_the_events_of_batches():
