@@ -1,6 +1,5 @@
 """The second opinion: the same closed loop, written again over Pinocchio's own algorithms."""
 
-from tests.oracles.engine import base_control as _base_control  # noqa: F401 (a writing of its own)
 from tests.oracles.engine.contacts import contact_of
 from tests.oracles.engine.engine import Engine
 from tests.oracles.engine.environments import environment_of

@@ -11,7 +11,6 @@ import numpy as np
 
 from spacerobot.common.arrays import Array
 from spacerobot.elements import Actuator
-from spacerobot.elements.actuators.base_wrench import BaseWrench
 from spacerobot.elements.actuators.joint_failure import JointFailure
 from spacerobot.elements.actuators.momentum_observer import MomentumObserver
 from spacerobot.elements.actuators.torque_limit import TorqueLimit
@@ -210,16 +209,6 @@ def _(actuator: TorqueLimit, scene: Scene, body: SceneBody, key: str) -> Deliver
         most = body.config.joints[name].torque_limit if actuator.limit is None else actuator.limit
         found[scene.model.idx_vs[by_name[name]]] = np.inf if most is None else most
     return Clip(found, tuple(map(int, np.flatnonzero(np.isfinite(found)))))
-
-
-@delivery_of.register
-def _(actuator: BaseWrench, scene: Scene, body: SceneBody, key: str) -> Delivery:
-    del key
-    found, own = np.full(scene.model.nv, np.inf), base_columns(scene, body)
-    turning = 3 if len(own) == 6 else 1
-    found[own[:-turning]] = actuator.force or np.inf
-    found[own[-turning:]] = actuator.torque or np.inf
-    return Clip(found, tuple(own), from_outside=True)
 
 
 @delivery_of.register

@@ -9,12 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from spacerobot.common.arrays import Array
-from spacerobot.elements.controllers.base_attitude import BaseAttitude
-from spacerobot.elements.controllers.base_position import BasePosition
 from spacerobot.scenario import Robot
 from spacerobot.scenario.sensors import Sensors
 from spacerobot.scene import SceneBody, SceneTip
-from tests.oracles.engine.base_control import BaseController
 from tests.oracles.engine.engine import Engine, Instant
 from tests.oracles.engine.joint_control import angle_of
 from tests.oracles.engine.kinematics import rotation_vector
@@ -28,7 +25,7 @@ def outputs_at(engine: Engine, t: float, x: Array, within: float | None = None) 
     found = _tips(engine, instant) | _bodies(engine, instant)
     columns = sorted(engine.model.idx_vs[joint] for body in engine.scene.bodies for joint in body.arm_joints)
     found["joint_torque"] = instant.solution.torque[columns]
-    found |= _bases(engine, instant) | _driven(engine, instant)
+    found |= _driven(engine, instant)
     found |= (
         _grasps(engine, instant)
         | _lives(engine, instant)
@@ -84,22 +81,6 @@ def _bodies(engine: Engine, instant: Instant) -> dict[str, Array]:
         "momentum_linear": whole[:3],
         "momentum_angular": whole[3:],
     }
-
-
-def _bases(engine: Engine, instant: Instant) -> dict[str, Array]:
-    """Errors of the bases that are held, not a number of the others."""
-    named = {"base_attitude_error": BaseAttitude, "base_position_error": BasePosition}
-    laws = (law for law in engine.now.controllers if isinstance(law, BaseController))
-    held = [law for law in laws if law.config.kp or law.config.ki]
-    found = {}
-    for name, kind in named.items():
-        errors = {
-            law.body.name: law.error(instant.kinematics) for law in held if isinstance(law.config, kind)
-        }
-        if errors:
-            none = np.full(3, np.nan)
-            found[name] = _stack(errors.get(body.name, none) for body in engine.scene.bodies)
-    return found
 
 
 def _driven(engine: Engine, instant: Instant) -> dict[str, Array]:
