@@ -174,6 +174,7 @@ def test_a_capture_keeps_its_time_and_motion_and_draws_in_by_a_cubic_blend(tmp_p
     ways = np.linalg.norm(met["gap"]) / 0.05, np.linalg.norm(met["turn"]) / np.radians(9)
     s = (run.t - event.time) / (1.5 * max(ways))
     left, now = 1 - s**2 * (3 - 2 * s), motion_of_tip(scene, run.x)
+    np.testing.assert_allclose(run.outputs()["grasp_gap"], now["gap"], atol=1e-12)
     for part in ("gap", "turn"):  # along the vectors at the capture, which turn with the target
         first = now["mate"].rotation @ met["mate"].rotation.T @ met[part]
         np.testing.assert_allclose(now[part], left * first, atol=1e-8)

@@ -136,6 +136,8 @@ def test_a_block_slides_to_rest_at_mu_n():
     way = trajectory.outputs["body_position"][:, 3]
     force = trajectory.outputs["contact_force"].reshape(-1, 2, 3).sum(axis=1)
     np.testing.assert_allclose(force[:, 1], 4 * 9.81, rtol=1e-6)
+    normal = trajectory.outputs["contact_normal_force"].sum(axis=1)
+    np.testing.assert_allclose(normal, 4 * 9.81, rtol=1e-6)
     np.testing.assert_allclose(force[:, 0], -MU * 4 * 9.81 * momentum / np.hypot(momentum, SLIP), atol=1e-5)
     assert force[0, 0] == pytest.approx(-MU * 4 * 9.81, rel=1e-3)
     # regularised: dv/dt = -mu g v / sqrt(v^2 + s^2), so the way is the integral of sqrt(v^2 + s^2) / mu g
