@@ -27,7 +27,7 @@ SCENES = {
         SPATIAL,
         STILL_SPATIAL
         | {
-            "grasps.left": held("weld", "one/tip", "left"),
+            "grasps.left": held("weld", "one/tip", "flap"),  # which swings
             "grasps.right": held("point", "two/tip", "right"),
             "gravity": [0.1, -0.3, -1.6],
         },
