@@ -1,4 +1,4 @@
-"""First answers with nothing cached: `run` of shipped scenarios, and a gradient, as whole processes."""
+"""First answers with an empty cache: `run` of shipped scenarios, and a gradient, as whole processes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ GRADIENT = (
     "import spacerobot as sr; "
     "sr.gradient(sr.load_scene('servicer'), 'tip_error_rms', ['target.links.body.mass'])"
 )
-LIMITS_S = {"paper": 3.0, "docking": 3.0}
-"""Time on the clock that the first answer may take on a quiet machine [s]."""
+LIMITS_S, GRADIENT_LIMIT_S = {"paper": 3.0, "docking": 3.0}, 7.0
+"""Wall times that the first answer of scenarios, and of the gradient, may take on a quiet machine [s]."""
 
 
 def rows() -> list[Row]:
@@ -31,7 +31,7 @@ def rows() -> list[Row]:
             run = [sys.executable, "-m", "spacerobot", "run", name, "--out", f"{out}/result"]
             table.append(_row(f"`run {name}`, nothing cached", run, bare_s, LIMITS_S.get(name)))
     gradient = [sys.executable, "-c", GRADIENT]
-    return [*table, _row("`sr.gradient` of the servicer, nothing cached", gradient, bare_s, None)]
+    return [*table, _row("`sr.gradient` of the servicer, nothing cached", gradient, bare_s, GRADIENT_LIMIT_S)]
 
 
 def _row(what: str, command: list[str], bare_s: float, limit_s: float | None) -> Row:
@@ -51,7 +51,7 @@ def _row(what: str, command: list[str], bare_s: float, limit_s: float | None) ->
 
 
 def _cold(command: list[str]) -> tuple[float, float]:
-    """Processor time and time on the clock of a command with an empty cache [s]."""
+    """Processor time and wall time of a command with an empty cache [s]."""
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "SPACEROBOT_CACHE_DIR": cache}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
