@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spacerobot.common.files import StrPath
@@ -17,6 +18,7 @@ from spacerobot.scenario.catalogue import find_scenario
 from spacerobot.scenario.document import read_document
 
 if TYPE_CHECKING:
+    from spacerobot.scenario.scenario import Scenario
     from spacerobot.scene.scene import Scene
 
 
@@ -37,18 +39,32 @@ def load_scene(
     Raises:
         ScenarioError, DescriptionError: If anything in the scenario or its URDFs cannot be simulated.
     """
+    pairs = tuple(changes.items() if isinstance(changes, Mapping) else changes)
+    scenario, source = read_scenario(name, pairs)
+    from spacerobot.scene.build import build_scene
+
+    scene = build_scene(scenario, pairs, source=source, expand_xacro=expand_xacro)
+    return replace(scene, changes=pairs)
+
+
+def read_scenario(name: StrPath, changes: Sequence[tuple[str, Any]] = ()) -> tuple[Scenario, Path]:
+    """Scenario of a file or of a shipped scenario, without the values of its URDFs, and the file's path.
+
+    Args:
+        name: Path of a YAML file, or the name of a shipped scenario.
+        changes: New values by dotted path; they are checked as far as no URDF is needed, and not applied.
+
+    Raises:
+        ScenarioError: If the file cannot be read, or the scenario or a change is not valid.
+    """
     source = find_scenario(os.fspath(name))
     named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
     document = {"name": named or "scenario"} | read_document(source)
     from spacerobot.scenario.load import check_changes, validate
 
     scenario = validate(document, source=source)
-    pairs = tuple(changes.items() if isinstance(changes, Mapping) else changes)
-    check_changes(scenario, pairs, source=source)
-    from spacerobot.scene.build import build_scene
-
-    scene = build_scene(scenario, pairs, source=source, expand_xacro=expand_xacro)
-    return replace(scene, changes=pairs)
+    check_changes(scenario, changes, source=source)
+    return scenario, source
 
 
 def to_scene(scene: Scene | StrPath) -> Scene:

@@ -31,6 +31,7 @@ from viz.drawing.motion import SceneGeometry
 from viz.page.animation import AnimatedResult, look_at
 from viz.studio.metrics import Metric, Metrics, build_metrics
 from viz.studio.parameters import Leaf, find_leaves
+from viz.studio.supported import check_supported
 
 Values = Mapping[str, Any]
 """Design: differences from the scenario, by dotted path."""
@@ -279,9 +280,7 @@ class DesignCache:
 
     def _made(self, others: Mapping[str, Any], asked: Sequence[str]) -> PreparedDesign:
         scene = self.origin.build(others) if others else self.origin.scene
-        engine = scene.scenario.simulation.engine
-        if engine != "casadi":
-            raise ScenarioError(f"found {engine!r}, allowed in the studio: casadi", where="simulation.engine")
+        check_supported(scene.scenario)
         vary = set(asked) | {f"{link}.mass" for link in map(_link, asked) if link}
         try:
             loop = cached_closed_loop(scene, sorted(vary))

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spacerobot.common.files import StrPath
+from spacerobot.scene.load import read_scenario
 from viz.page.loopback import FIRST_PORT
+from viz.studio.supported import check_supported
 from viz.studio.waiting import WaitingPage
 
 if TYPE_CHECKING:
@@ -49,7 +51,12 @@ def studio(
         SpaceRobotError: If the scene cannot be rolled out, or no port is free.
     """
     pairs = tuple(changes.items() if isinstance(changes, Mapping) else changes)
-    name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else scene.scenario.name
+    if isinstance(scene, str | os.PathLike):
+        name = os.fspath(scene)
+        check_supported(read_scenario(name, pairs)[0])  # before anybody opens the page
+    else:
+        name = scene.scenario.name
+        check_supported(scene.scenario)
     with WaitingPage(name, port) as waiting:
         if on_start is not None:
             on_start(waiting)

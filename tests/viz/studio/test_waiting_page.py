@@ -7,6 +7,8 @@ import urllib.request
 
 import pytest
 
+import spacerobot as sr
+from spacerobot.common.errors import ScenarioError
 from viz.studio.waiting import WAITING, WaitingPage
 
 HEAVY = ("casadi", "numpy", "pinocchio", "xarray", "scipy")
@@ -33,3 +35,19 @@ def test_it_loads_no_library_that_takes_long():
     code = f"import sys, viz.studio.waiting; print(*(n for n in {HEAVY} if n in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    ("scenario", "changes", "message"),
+    [
+        ("examples/receding.yaml", {}, r"robots\.arm\.controllers\.lead: found kind 'mpc'.*run --view"),
+        ("paper", {"simulation.duration": "high"}, "simulation.duration: found 'high'"),
+    ],
+)
+def test_a_scenario_that_the_studio_does_not_simulate_is_refused_before_the_page_is_served(
+    scenario, changes, message
+):
+    pages = []
+    with pytest.raises(ScenarioError, match=message):
+        sr.studio(scenario, changes, on_start=pages.append)
+    assert pages == []
