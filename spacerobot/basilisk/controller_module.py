@@ -11,8 +11,8 @@ from spacerobot.closedloop.loop_cache import cached_closed_loop
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.common.files import StrPath
-from spacerobot.exports.formats.mjcf import scene_mjcf, scene_wheels
 from spacerobot.exports.mjcf_bodies import coordinates, model_coordinates
+from spacerobot.exports.mjcf_scene import scene_mjcf, scene_wheels
 from spacerobot.rollout import build_rollout
 from spacerobot.rollout.resumable_loop import resumed
 from spacerobot.scene import Scene, to_scene

@@ -6,11 +6,10 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from spacerobot.api.results import PlanResult
 from spacerobot.common.errors import ResultError, SpaceRobotError, near_names
 from spacerobot.common.files import StrPath, staged
 from spacerobot.common.registry import EXPORT_FORMATS
@@ -18,9 +17,13 @@ from spacerobot.common.section import Section
 from spacerobot.common.tables import Content, Table
 from spacerobot.common.tabular import Tabular
 from spacerobot.exports.export_format import ExportFormat
-from spacerobot.result import Result, note_derived
 from spacerobot.scenario.validation_errors import explain
-from spacerobot.scene import Scene, load_scene
+from spacerobot.scene.load import load_scene
+
+if TYPE_CHECKING:
+    from spacerobot.api.results import PlanResult
+    from spacerobot.result import Result
+    from spacerobot.scene import Scene
 
 Changes = Mapping[str, Any] | Sequence[tuple[str, Any]]
 
@@ -65,6 +68,8 @@ def export(
             written = _move_into_place(prepared, path)
     except OSError as error:
         raise ResultError(f"cannot be written: {error.strerror or error}", source=path) from None
+    from spacerobot.result import note_derived
+
     note_derived([getattr(source, "folder", None)], written)
     return path
 
@@ -167,6 +172,11 @@ def source_for(
         ResultError: If a folder contains neither a result nor a plan.
         ScenarioError: If a scenario cannot be read.
     """
+    # results are imported after the format and its options are known to be right
+    from spacerobot.api.results import PlanResult
+    from spacerobot.result import Result
+    from spacerobot.scene import Scene
+
     source: Any = _read(thing, changes) if isinstance(thing, str | os.PathLike) else thing
     kinds = {"result": Result, "plan": PlanResult, "scene": Scene}
     name = next((name for name, cls in kinds.items() if isinstance(source, cls)), None)
@@ -195,6 +205,9 @@ def _read(path: StrPath, changes: Changes) -> Result | PlanResult | Scene:
         return load_scene(path, changes)
     if changes:
         raise ResultError("changes apply to a scenario, not to what was simulated", source=folder)
+    from spacerobot.api.results import PlanResult
+    from spacerobot.result import Result
+
     names = {file.name for file in folder.iterdir()}
     if "plan.json" in names:
         return PlanResult.load(folder)

@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.common.files import StrPath
+from spacerobot.description.read import Description
 from spacerobot.scenario import Robot, Scenario
-from spacerobot.scenario.load import apply_changes, to_document, validate
 from spacerobot.scene.assumptions import list_assumptions, list_warnings
 from spacerobot.scene.checks import (
     check_alignment,
@@ -31,15 +31,7 @@ from spacerobot.scene.grasp_closing import has_loops
 from spacerobot.scene.model import build_model
 from spacerobot.scene.reference_checks import check_followed, check_in_plane
 from spacerobot.scene.references import references_of
-from spacerobot.scene.resolve import (
-    expand_files,
-    fill,
-    forget_files,
-    locate,
-    read_descriptions,
-    read_files,
-    settle,
-)
+from spacerobot.scene.resolve import resolve
 from spacerobot.scene.scene import Scene, SceneGrasp, SceneTip
 
 
@@ -64,7 +56,19 @@ def build_scene(
             simulated.
     """
     source = None if source is None else Path(source)
-    resolved, descriptions = resolve(scenario, changes, source=source, expand_xacro=expand_xacro)
+    return assemble(*resolve(scenario, changes, source=source, expand_xacro=expand_xacro), source=source)
+
+
+def assemble(resolved: Scenario, descriptions: Mapping[str, Description], *, source: Path | None) -> Scene:
+    """Scene of a scenario that is complete.
+
+    Args:
+        resolved, descriptions: As :func:`.resolve` returns them.
+        source: File of the scenario.
+
+    Raises:
+        ScenarioError, DescriptionError: If the scenario or a URDF cannot be simulated.
+    """
     check_masses(resolved, descriptions, source=source)
     model, bodies = build_model(resolved, descriptions)
     check_motion(model, source=source)
@@ -122,53 +126,3 @@ def build_scene(
     for array in (scene.q, scene.v):
         array.setflags(write=False)
     return dataclasses.replace(scene, assumptions=list_assumptions(scene), warnings=list_warnings(scene))
-
-
-def resolve(
-    scenario: Scenario,
-    changes: Mapping[str, Any] | Sequence[tuple[str, Any]],
-    *,
-    source: Path | None,
-    expand_xacro: bool = False,
-) -> tuple[Scenario, Mapping[str, Any]]:
-    """Scenario with URDF values and changes applied, and the URDFs with locked joints, by body path.
-
-    Raises:
-        ScenarioError, DescriptionError: If a change names no value or the result is invalid.
-    """
-    pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
-    document = to_document(scenario)
-    naming_files = [(pattern, value) for pattern, value in pairs if _names_files(pattern, value)]
-    if naming_files:
-        document = forget_files(apply_changes(document, naming_files, source=source), document)
-    locate(document, source=source)
-    read_files(document, source=source)
-    expand_files(document, source=source, allowed=expand_xacro)
-    descriptions = read_descriptions(document, source=source)
-    document = fill(document, descriptions, source=source)
-    others = list[tuple[str, Any]]()
-    for pattern, value in pairs:
-        if _names_files(pattern, value):
-            continue
-        others.append((pattern, value))
-        # the inertia of links that a change sets is not scaled by their mass
-        link, separator, tail = pattern.rpartition(".inertia")
-        if separator and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
-            others.append((f"{link}.inertia_at_mass", None))
-    if others:
-        document = apply_changes(document, others, source=source)
-        read_files(document, source=source)
-        if any("placements" in pattern.split(".")[1:3] for pattern, _ in others):
-            descriptions = read_descriptions(document, source=source)
-        # once more, for sections that a change replaced, and names that it brought in
-        document = fill(document, descriptions, source=source)
-    resolved = validate(document, source=source)
-    return resolved, settle(resolved, descriptions, source=source)
-
-
-def _names_files(pattern: str, value: Any) -> bool:
-    """Whether a change affects which files are read or which links exist, as replacing a whole body does."""
-    segments = pattern.split(".")
-    is_body = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
-    added = "mounts" in segments[2:3] or "flexible" in segments[1:3]
-    return is_body or added or segments[-1] in ("urdf", "file")

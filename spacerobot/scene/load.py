@@ -41,10 +41,12 @@ def load_scene(
     """
     pairs = tuple(changes.items() if isinstance(changes, Mapping) else changes)
     scenario, source = read_scenario(name, pairs)
-    from spacerobot.scene.build import build_scene
+    from spacerobot.scene.resolve import resolve
 
-    scene = build_scene(scenario, pairs, source=source, expand_xacro=expand_xacro)
-    return replace(scene, changes=pairs)
+    resolved, descriptions = resolve(scenario, pairs, source=source, expand_xacro=expand_xacro)
+    from spacerobot.scene.build import assemble
+
+    return replace(assemble(resolved, descriptions, source=source), changes=pairs)
 
 
 def read_scenario(name: StrPath, changes: Sequence[tuple[str, Any]] = ()) -> tuple[Scenario, Path]:

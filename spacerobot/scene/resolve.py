@@ -1,4 +1,8 @@
-"""Completion of a scenario's document with values of its URDFs, so that every number has a dotted path."""
+"""Completion of a scenario's document with values of its URDFs, so that every number has a dotted path.
+
+Pinocchio is imported only for the rotations of mounted and placed links, so that a wrong file, joint or value
+is reported at once.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DescriptionError, ScenarioError, near_names
@@ -21,11 +24,62 @@ from spacerobot.description.xacro import SUFFIX, expand_xacro
 from spacerobot.elements import FAMILIES, Element, create
 from spacerobot.elements.core.registry import find_kind
 from spacerobot.scenario import Joint, Scenario
+from spacerobot.scenario.load import apply_changes, to_document, validate
 from spacerobot.scenario.paths import Document
 
 _STATES = ("angle_deg", "rate_deg", "offset", "speed")
 NO_LIMIT = 1e300
 """Effort limits above this mean no limit (URDF readers use the largest float)."""
+
+
+def resolve(
+    scenario: Scenario,
+    changes: Mapping[str, Any] | Sequence[tuple[str, Any]],
+    *,
+    source: Path | None,
+    expand_xacro: bool = False,
+) -> tuple[Scenario, Mapping[str, Description]]:
+    """Scenario with URDF values and changes applied, and the URDFs with locked joints, by body path.
+
+    Raises:
+        ScenarioError, DescriptionError: If a change names no value or the result is invalid.
+    """
+    pairs = list(changes.items()) if isinstance(changes, Mapping) else list(changes)
+    document = to_document(scenario)
+    naming_files = [(pattern, value) for pattern, value in pairs if _names_files(pattern, value)]
+    if naming_files:
+        document = forget_files(apply_changes(document, naming_files, source=source), document)
+    locate(document, source=source)
+    read_files(document, source=source)
+    expand_files(document, source=source, allowed=expand_xacro)
+    descriptions = read_descriptions(document, source=source)
+    document = fill(document, descriptions, source=source)
+    others = list[tuple[str, Any]]()
+    for pattern, value in pairs:
+        if _names_files(pattern, value):
+            continue
+        others.append((pattern, value))
+        # the inertia of links that a change sets is not scaled by their mass
+        link, separator, tail = pattern.rpartition(".inertia")
+        if separator and ".links." in link and (not tail or tail[1:] == "*" or tail[1:].isdecimal()):
+            others.append((f"{link}.inertia_at_mass", None))
+    if others:
+        document = apply_changes(document, others, source=source)
+        read_files(document, source=source)
+        if any("placements" in pattern.split(".")[1:3] for pattern, _ in others):
+            descriptions = read_descriptions(document, source=source)
+        # once more, for sections that a change replaced, and names that it brought in
+        document = fill(document, descriptions, source=source)
+    resolved = validate(document, source=source)
+    return resolved, settle(resolved, descriptions, source=source)
+
+
+def _names_files(pattern: str, value: Any) -> bool:
+    """Whether a change affects which files are read or which links exist, as replacing a whole body does."""
+    segments = pattern.split(".")
+    is_body = isinstance(value, Mapping) and (segments == ["target"] or segments[:-1] == ["robots"])
+    added = "mounts" in segments[2:3] or "flexible" in segments[1:3]
+    return is_body or added or segments[-1] in ("urdf", "file")
 
 
 def body_documents(document: Document) -> dict[str, Document]:
@@ -171,7 +225,7 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
         for name, mount in body.get("mounts", {}).items():
             where = f"{path}.mounts.{name}"
             arm, mounting = descriptions_by_file[files[where]], np.eye(4)
-            mounting[:3, :3] = pin.rpy.rpyToMatrix(np.radians(mount["rotation_deg"]))
+            mounting[:3, :3] = _rotation(mount["rotation_deg"])
             mounting[:3, 3] = mount["position"]
             try:
                 description = mounted(description, arm, name, mount["link"], mounting)
@@ -186,7 +240,7 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
             if described.get("position") not in (None, was["position"]):
                 origin[:3, 3] = described["position"]
             if described.get("rotation_deg") not in (None, was["rotation_deg"]):
-                origin[:3, :3] = pin.rpy.rpyToMatrix(np.radians(described["rotation_deg"]))
+                origin[:3, :3] = _rotation(described["rotation_deg"])
             origins[link] = origin
         try:
             description = placed(description, origins) if origins else description
@@ -202,8 +256,17 @@ def read_descriptions(document: Document, *, source: Path | None) -> dict[str, D
     return descriptions
 
 
+def _rotation(angles_deg: Sequence[float]) -> Array:
+    """Rotation matrix (3, 3) of roll, pitch and yaw [deg]."""
+    import pinocchio as pin
+
+    return np.array(pin.rpy.rpyToMatrix(np.radians(angles_deg)))
+
+
 def _placement(origin: Array) -> Document:
     """Section of the scenario for a placement (4, 4): position [m], and roll, pitch, yaw [deg]."""
+    import pinocchio as pin
+
     rotation = np.degrees(pin.rpy.matrixToRpy(np.array(origin[:3, :3])))
     return {"position": origin[:3, 3].tolist(), "rotation_deg": (rotation + 0.0).tolist()}
 

@@ -45,6 +45,8 @@ def attempt(*arguments, folder):
         (("compare", "papper"), "did you mean paper?"),
         (("export",), "as in `spacerobot export out/paper paper.csv`"),
         (("export", "papper", "paper.csv"), "did you mean paper?"),
+        (("compare", "paper", "--methods", "nlpp"), "no method 'nlpp'"),
+        (("tune", "paper", "--method", "nlpp"), "no method 'nlpp'"),
         (("export", "plant", "papper", "--out", "paper.fmu"), "did you mean paper?"),
     ],
     ids=lambda one: " ".join(one) if isinstance(one, tuple) else None,
@@ -61,13 +63,22 @@ def test_an_error_that_needs_no_model_is_reported_without_loading_one(arguments,
     [
         ("foo.bar=1", "--set foo.bar: no 'foo'; allowed:"),
         ("simulation.duration=high", "simulation.duration: found 'high', allowed: a number"),
+        ("robots.rpr1.urdf=nowhere.urdf", "robots.rpr1.urdf: "),
+        ("robots.rpr1.joints.nowhere.angle_deg=3", "no 'nowhere'"),
     ],
 )
-def test_a_change_that_no_urdf_can_bring_is_reported_without_pinocchio(change, message, tmp_path):
+def test_a_wrong_change_is_reported_without_pinocchio(change, message, tmp_path):
     (code, *loaded), error = attempt("run", "paper", "--set", change, folder=tmp_path)
     assert code == "2"
     assert "pinocchio" not in loaded
     assert message in error
+
+
+def test_a_suffix_that_names_no_format_is_reported_without_results_or_scenes(tmp_path):
+    (code, *loaded), error = attempt("export", "paper", "paper.xyz", folder=tmp_path)
+    assert code == "2"
+    assert not {"casadi", "pinocchio", "scipy", "xarray"} & {*loaded}
+    assert "suffix '.xyz' names no format" in error
 
 
 WRONG = """

@@ -6,8 +6,8 @@ import pytest
 
 import spacerobot as sr
 from spacerobot.common.errors import SpaceRobotError
-from spacerobot.exports.formats.mjcf import scene_mjcf
 from spacerobot.exports.mjcf_bodies import coordinates, mjcf
+from spacerobot.exports.mjcf_scene import scene_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

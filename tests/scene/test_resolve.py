@@ -130,10 +130,10 @@ def test_a_change_adds_a_whole_robot():
 
 def test_a_document_is_validated_once_and_once_for_all_changes(monkeypatch):
     from spacerobot.scenario import load
-    from spacerobot.scene import build
+    from spacerobot.scene import resolve
 
     scenario, calls = load_scene("paper").scenario, []
-    for module in (build, load):
+    for module in (resolve, load):
         monkeypatch.setattr(module, "validate", lambda *a, **k: calls.append(1) or validate(*a, **k))
     build_scene(scenario)
     assert len(calls) == 1

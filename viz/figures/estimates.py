@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spacerobot.common.arrays import Array
 from spacerobot.common.tables import unit_scale
 from spacerobot.result import Result
 from viz.figures.kind import figure
@@ -20,6 +21,32 @@ from viz.figures.style import (
 
 SIGMAS = 3.0
 """Half of a band's width in standard deviations: 99.7 % of a consistent filter's errors are within it."""
+
+
+CONVERGED = 1.5
+"""Ratio of a band's width to its median over time up to which a filter counts as converged."""
+HIDDEN = 2.0
+"""Ratio of the largest value to the range of the converged filter from which on the axis shows that range."""
+
+
+def converged_range(values: Array, bound: Array) -> float | None:
+    """Half of the range of an axis in which the converged filter can be read.
+
+    The range holds every error and band at instants at which the filter has converged. Wider bands, such as
+    those of the initial covariance, are cut off.
+
+    Args:
+        values, bound: Errors and half widths of their bands (nt, n).
+
+    Returns:
+        float: Half of the range; None if it is more than half of the largest value, so that nothing needs
+            to be cut off.
+    """
+    width = np.nan_to_num(bound).max(axis=1)
+    largest = np.maximum(width, np.abs(np.nan_to_num(values)).max(axis=1))
+    is_converged = width <= CONVERGED * np.median(width)
+    limit = 1.1 * float(largest[is_converged].max(initial=0.0))
+    return limit if 0 < HIDDEN * limit < largest.max() else None
 
 
 def stated_errors(result: Result) -> list[str]:
@@ -64,6 +91,12 @@ def estimate_errors(result: Result) -> Drawing:
             panel.plot(time, factor * values[:, k], **look, label=text)
             band = factor * bound[:, k]
             panel.fill_between(time, -band, band, color=look["color"], alpha=0.12, linewidth=0)
+        limit = converged_range(factor * values[:, columns_of], factor * bound[:, columns_of])
+        if limit is not None:
+            panel.set_ylim(-limit, limit)
+            widest = factor * float(np.nanmax(bound[:, columns_of]))
+            words = f"cut off: bands up to ±{widest:.3g} {unit}"
+            panel.text(0.98, 0.96, words, transform=panel.transAxes, fontsize=7, ha="right", va="top")
         title = name.removesuffix("_error").removesuffix("_estimate").replace("_", " ")
         panel.set(title=f"{label}, {title}", ylabel=f"error [{unit}]", xlabel="time [s]")
         until(panel, result)

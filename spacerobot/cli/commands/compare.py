@@ -22,6 +22,7 @@ from spacerobot.cli.options import (
 )
 from spacerobot.cli.output import console, show, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
+from spacerobot.common.registry import TUNING_METHODS
 
 if TYPE_CHECKING:
     from spacerobot.api.options import SearchOptions
@@ -105,6 +106,8 @@ def command(
         if is_named and out is None:
             raise typer.BadParameter("needs --out DIR, where what it shows is written", param_hint=name)
     settings = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
+    for method in parts(methods) or ():
+        TUNING_METHODS.find(method)  # refused before anything is loaded
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         options: SearchOptions = {"workers": workers, "progress": report, "notify": tell}
         if scenario == SUITE:

@@ -70,8 +70,8 @@ def command(
 
         spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
     """
+    TUNING_METHODS.find(method)  # refused before anything is loaded
     scene = sr.load_scene(scenario, parse_changes(changes))
-    TUNING_METHODS.find(method)  # refused before anything is built
     scene = sr.vary(scene, vary or [])
     folder, effort = journals(out, "tuning.json"), effort_of_ga(budget, runs, starts, seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:

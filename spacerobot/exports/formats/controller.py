@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field
 
 from spacerobot.common.registry import registered
 from spacerobot.common.section import Section
 from spacerobot.exports.export_format import ExportFormat, Source
-from spacerobot.scene import Scene
+
+if TYPE_CHECKING:
+    from spacerobot.scene import Scene
 
 
 class ControllerCodeOptions(Section):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from spacerobot.api.results import PlanResult
 from spacerobot.common.registry import registered
 from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
 from spacerobot.exports.signals import signals
-from spacerobot.result import Result
+
+if TYPE_CHECKING:
+    from spacerobot.api.results import PlanResult
+    from spacerobot.result import Result
 
 
 @registered

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from spacerobot.api.results import PlanResult
 from spacerobot.common.registry import registered
 from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
 from spacerobot.exports.signals import time_variables
-from spacerobot.result import Result
+
+if TYPE_CHECKING:
+    from spacerobot.api.results import PlanResult
+    from spacerobot.result import Result
 
 
 @registered
@@ -32,6 +34,8 @@ class Mat(ExportFormat):
         ``kind`` and ``who``.
         """
         from scipy.io import savemat
+
+        from spacerobot.result import Result
 
         del options
         data, content = source.data, dict[str, Any]()

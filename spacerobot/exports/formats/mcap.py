@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
@@ -12,8 +12,9 @@ from spacerobot.common.optional import optional_module
 from spacerobot.common.registry import registered
 from spacerobot.common.section import Section
 from spacerobot.exports.export_format import ExportFormat
-from spacerobot.result import Result
-from spacerobot.scenario.load import to_yaml
+
+if TYPE_CHECKING:
+    from spacerobot.result import Result
 
 EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 
@@ -42,6 +43,8 @@ class Mcap(ExportFormat):
 
     def write(self, source: Result, path: Path, options: McapOptions) -> None:
         """Write the messages of all samples, and the scenario as an attachment."""
+        from spacerobot.scenario.load import to_yaml
+
         writers = optional_module("mcap.writer", "mcap", "the format mcap")
         with path.open("wb") as file:
             writer = writers.Writer(file)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from spacerobot.api.results import PlanResult
 from spacerobot.common.registry import registered
 from spacerobot.exports.export_format import ExportFormat, NoOptions, Source
 from spacerobot.exports.formats.csv import Csv
+
+if TYPE_CHECKING:
+    from spacerobot.api.results import PlanResult
 
 
 @registered

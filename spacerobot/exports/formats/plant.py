@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field
 
 from spacerobot.common.registry import registered
 from spacerobot.common.section import Section
 from spacerobot.exports.export_format import ExportFormat, Source
-from spacerobot.fmu import build_fmu
-from spacerobot.scene import Scene
+
+if TYPE_CHECKING:
+    from spacerobot.scene import Scene
 
 
 class PlantOptions(Section):
@@ -40,4 +41,6 @@ class PlantFmu(ExportFormat):
 
     def write(self, source: Scene, path: Path, options: PlantOptions) -> None:
         """Compile and write the FMU."""
+        from spacerobot.fmu import build_fmu
+
         path.write_bytes(build_fmu(source, fmi=options.fmi, is_open=options.open, vary=options.vary))

@@ -4,7 +4,7 @@ import numpy as np
 
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
-from viz.figures.estimates import SIGMAS, estimate_errors
+from viz.figures.estimates import SIGMAS, converged_range, estimate_errors
 
 
 def test_each_error_is_drawn_in_its_band_of_three_standard_deviations():
@@ -24,3 +24,16 @@ def test_each_error_is_drawn_in_its_band_of_three_standard_deviations():
     assert np.abs(bias).max() > 1e-5
     walk = result.scenario.robots["chaser"].sensors.base_spin.errors.bias_walk
     assert np.ptp(bias, axis=0).max() < 5 * walk * np.sqrt(0.3)
+
+
+def test_the_axis_shows_the_converged_filter():
+    """A wide initial band is cut off; an error outside the band of a converged filter never is."""
+    time = np.linspace(0, 10, 101)
+    bound = np.stack([0.1 + 50 * np.exp(-4 * time), np.full(101, 0.1)], axis=1)
+    error = np.zeros((101, 2))
+    limit = converged_range(error, bound)
+    assert 0.1 < limit < 0.17
+    error[80, 1] = 0.7
+    assert 0.7 < converged_range(error, bound) < 0.8
+    assert converged_range(error[80:], bound[80:]) is None
+    assert converged_range(error, np.full((101, 2), 1.0)) is None

@@ -36,11 +36,28 @@ export class Estimates {
       }
       place.setAttribute("role", "img");
       place.setAttribute("aria-label", `${title}, with a band of three standard deviations of the filter`);
-      const { data, ...drawing } = this.chart.columns({ signals });
+      const { data, ...drawing } = this.chart.columns({ signals }), limit = convergedRange(signals);
+      if (limit) {
+        const widest = signals.reduce((most, { bounds: [bound] }) => Math.max(most, ...bound), 0);
+        names.append(element("span", `cut off: bands up to \u00b1${amount(widest, unit)}`, "run"));
+      }
       plotIn(place, {
-        ...drawing, padding: [6, 16, 0, 0], cursor: { show: false }, scales: { x: { time: false } },
+        ...drawing, padding: [6, 16, 0, 0], cursor: { show: false }, scales: { x: { time: false }, ...(limit && { y: { range: [-limit, limit] } }) },
         axes: [{ size: 18, space: 60, values: (_, times) => times.map((time) => amount(time, "s")) }, { size: 76, space: 18, values: (_, values) => values.map((value) => amount(value, unit)) }],
       }, data);
     }
   }
+}
+
+const CONVERGED = 1.5, HIDDEN = 2; // in step with viz/figures/estimates.py
+
+// Half of the range of an axis in which the converged filter can be read; null where all of the curves are readable.
+// It holds errors and bands wherever the bands are at most CONVERGED times as wide as their median over time.
+export function convergedRange(signals) {
+  const times = signals[0].bounds[0].length, at = (columns, i) => columns.reduce((most, column) => Math.max(most, Math.abs(column[i]) || 0), 0);
+  const widths = Array.from({ length: times }, (_, i) => at(signals.map(({ bounds: [bound] }) => bound), i));
+  const largest = widths.map((width, i) => Math.max(width, at(signals.map(({ values: [values] }) => values), i)));
+  const usual = CONVERGED * widths.slice().sort((a, b) => a - b)[times >> 1];
+  const limit = 1.1 * largest.reduce((most, value, i) => (widths[i] <= usual ? Math.max(most, value) : most), 0);
+  return limit > 0 && HIDDEN * limit < largest.reduce((most, value) => Math.max(most, value), 0) ? limit : null;
 }
