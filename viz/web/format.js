@@ -80,8 +80,15 @@ export function amountOf(value, { unit }) {
   return typeof value === "number" ? amount(value, unit).trim() : "–";
 }
 
+// Text that may be broken after the dots, slashes and underscores of names; in step with spacerobot/common/tables.py.
+function breakable(text) {
+  const parts = text.split(/(?<=[\w*][._])(?=[A-Za-z*])|(?<=\w\w\/)(?=\w{3})/);
+  return parts.flatMap((part, k) => (k ? [element("wbr"), part] : [part]));
+}
+
 export function tableRow(title, cells, kind = "td") {
-  const row = element("tr"), head = element(title ? "th" : "td", title);
+  const row = element("tr"), head = element(title ? "th" : "td");
+  head.append(...breakable(title));
   if (title) head.scope = "row";
   row.append(head, ...cells.map((cell) => {
     const made = element(kind);

@@ -3,7 +3,7 @@ import { digits, tableRow } from "../format.js";
 import { keyOf } from "./rollouts.js";
 
 const COLUMNS = [
-  ["disk", "disk"], ["gain_down", "gain down"], ["gain_up", "gain up"], ["phase", "phase"], ["delay", "delay"], ["crossover", "crossover"],
+  ["disk", "disk"], ["phase", "phase"], ["gain_up", "gain"], ["delay", "delay"], ["crossover", "crossover"],
 ];
 
 export class Margins {
@@ -40,8 +40,9 @@ export class Margins {
     const { result } = this;
     if (!result) return;
     const stale = keyOf(result.of) !== keyOf(this.design()), modes = result.growing === 1 ? "mode" : "modes";
-    const stable = result.growing ? `${result.growing} growing ${modes}: margins are of an unstable loop` : "no growing mode";
-    this.say(stale ? `Of the design before the last change, at ${result.at}: compute again.` : `${result.loops.length} loops at ${result.at}: ${stable}.`);
+    const stable = result.growing ? `unstable: ${result.growing} growing ${modes}` : "stable";
+    const note = result.loops.some(({ delay }) => delay === 0) ? " Where the delay is 0, any additional delay makes the loop unstable: its gain stays above one at high frequencies." : "";
+    this.say(stale ? `Of the design before the last change, at ${result.at}: compute again.` : `${result.loops.length} loops at ${result.at}: ${stable}.${note}`);
     this.wide.classList.toggle("stale", stale);
   }
 
@@ -57,7 +58,10 @@ export class Margins {
 // An unlimited margin is infinite; a loop whose gain is never one has no crossover.
 function cell(loop, key) {
   if (loop.varies) return key === "disk" ? "varies in time" : "–";
-  const value = loop[key];
-  if (value === null) return { crossover: "–", gain_down: "−∞" }[key] || "∞";
-  return digits(value);
+  if (key === "gain_up") return `${limit(loop, "gain_down", "−∞")} to ${limit(loop, key)}`;
+  return limit(loop, key, key === "crossover" ? "–" : "∞");
+}
+
+function limit(loop, key, unlimited = "∞") {
+  return loop[key] === null ? unlimited : digits(loop[key]);
 }
