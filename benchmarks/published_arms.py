@@ -78,8 +78,7 @@ def row(name: str, folder: Path) -> str:
     except sr.SpaceRobotError as fault:
         return f"| {name} | | not drafted: {str(fault).rpartition('urdf: ')[2]} | | |"
     draft_s = processor_time() - begin
-    file.write_text(draft.text, encoding="utf-8")
-    scene = sr.load_scene(file)
+    scene = sr.load_scene(draft.save())
     joints = sum(not state.locked for state in scene.robots[0].config.joints.values())
     if not draft.is_verified:
         return f"| {name} | {joints} | {draft.problems[0]} | {draft_s:.0f} | |"

@@ -169,6 +169,7 @@ MASS = {"paths": "target.links.body.mass", "lower": 1, "upper": 2}
         {"campaign": {"parameters": {"m": MASS}}, "campaign.limits.grip_force": 7, "campaign.samples": 9},
         {f"{TIP}.pid": {"kp": 5}, f"{TIP}.pid.filt*": 0.02},
         {f"{TIP}.reference": {"kind": "hold"}, f"{TIP}.reference.kind": "hold"},
+        {"simulation": {"duration": 10, "step": 0.01}, "simulation.*step": 0.05},  # output_step by default
         # numbers by patterns, one after the other
         {"robots.*.tips.*.pid.kp": 300, "robots.*.tips.*.pid.ki": 30, "gravity.*": 0.5},
         # valid together only
