@@ -13,11 +13,11 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import DivergedError, ScenarioError
+from spacerobot.pinocchio_engine import PinocchioLoop
 from spacerobot.rollout import Measures, Signals, build_rollout, integral
 from spacerobot.scene import load_scene
 from spacerobot.scene.configure import initial_state, relative_jacobian
 from spacerobot.scene.grasp_closing import find_closings
-from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, small_scene
 
 
@@ -137,7 +137,7 @@ def test_any_start_is_closed_and_the_same_as_that_of_its_own_scene(case):
         own = small_scene(text, [*changes.items(), *values.items()])
         np.testing.assert_allclose(q, own.q, atol=1e-13)
         np.testing.assert_allclose(v, own.v, atol=1e-13)
-        np.testing.assert_array_equal(Engine(own).x0[: loop.nq], own.q)
+        np.testing.assert_array_equal(PinocchioLoop(own).x0[: loop.nq], own.q)
 
 
 @pytest.mark.parametrize("text", [PLANAR, SPATIAL], ids=["planar", "spatial"])
@@ -232,7 +232,7 @@ def test_a_spinning_servicer_takes_its_target_along():
     np.testing.assert_allclose(follows.v[-6:], [*velocity, *spin], atol=1e-9)
     np.testing.assert_allclose(given.v, follows.v, atol=1e-15)
     assert follows.warnings == given.warnings == load_scene("servicer").warnings
-    np.testing.assert_allclose(Engine(given).x0, Engine(follows).x0, atol=1e-15)
+    np.testing.assert_allclose(PinocchioLoop(given).x0, PinocchioLoop(follows).x0, atol=1e-15)
     other = load_scene("servicer", SPUN | {"target.base.velocity": [0, 0, 1]})
     np.testing.assert_array_equal(other.v, follows.v)
     (told,) = set(other.warnings) - set(follows.warnings)

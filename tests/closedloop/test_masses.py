@@ -7,11 +7,11 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
+from spacerobot.pinocchio_engine import PinocchioLoop
 from spacerobot.rollout import build_rollout
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_yaml, validate
 from spacerobot.scene import build_scene, load_scene
-from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
 LINK = {"planar": "robots.one.links.link_2", "spatial": "robots.one.links.b"}
@@ -38,7 +38,7 @@ def test_inertia_follows_the_mass_in_both_engines_and_in_setup(kind):
     np.testing.assert_allclose(after.inertia, np.array(before.inertia) * 9 / before.mass, rtol=1e-15)
     loop, own = build_closed_loop(plain), build_closed_loop(heavy)
     x = random_x(plain, np.random.default_rng(4), loop.nx)
-    expected = Engine(heavy).derivative(0.3, x)
+    expected = PinocchioLoop(heavy).derivative(0.3, x)
     for found in (rate(loop, plain, {f"{path}.mass": 9.0}), rate(own, heavy)):
         np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
     assert np.abs(rate(loop, plain) - expected).max() > 1e-3

@@ -7,9 +7,9 @@ import pytest
 
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
+from spacerobot.pinocchio_engine import PinocchioLoop
 from spacerobot.rollout import build_rollout
 from tests import forks
-from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
 
 
@@ -39,7 +39,7 @@ def test_limits_of_some_joints_act_one_after_the_other():
     motors = {"all": {"kind": "torque_limit", "limit": 2}, "last": {"kind": "torque_limit", "limit": 0.5}}
     motors["last"]["joints"] = "joint_3"
     scene = small_scene(PLANAR, {"robots.one.actuators": motors})
-    loop, engine = build_closed_loop(scene), Engine(scene)
+    loop, engine = build_closed_loop(scene), PinocchioLoop(scene)
     x = random_x(scene, np.random.default_rng(3), loop.nx)
     c = loop.setup(loop.parameter_values)[1]
     named = dict(zip(loop.outputs.name_out(), loop.outputs(0.3, x, c), strict=True))

@@ -17,31 +17,10 @@ from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.grasps.point import Point
 from spacerobot.elements.references.rendezvous import Rendezvous
 from spacerobot.pinocchio_engine import PinocchioLoop
-from tests.oracles import engine as independent
-from tests.oracles.engine.actuation import delivery_of
-from tests.oracles.engine.contacts import contact_of
-from tests.oracles.engine.environments import environment_of
-from tests.oracles.engine.grasps import grasp_of
-from tests.oracles.engine.laws import has_writing
-from tests.oracles.engine.references import leading, path_of
-from tests.oracles.engine.robot_law import robot_law
-from tests.oracles.engine.sensing import reading_of
-from tests.oracles.engine.tip_control import tip_law
 from tests.oracles.motions import DesiredMotions
 from tests.oracles.small_scenes import ONE_SPATIAL_ARM as SPATIAL
 from tests.oracles.small_scenes import PLANAR, random_x, small_scene
 from tests.oracles.small_scenes import SPATIAL as WITH_TWO
-
-SECOND = {
-    "reference": path_of,
-    "grasp": grasp_of,
-    "contact": contact_of,
-    "tip_controller": tip_law,
-    "robot_controller": robot_law,
-    "actuator": delivery_of,
-    "sensor": reading_of,
-    "environment": environment_of,
-}
 
 
 def network(*sizes):
@@ -271,8 +250,7 @@ NEEDS: dict[tuple[str, str], dict[str, object]] = {
 SECTIONS = [(family, kind) for family in elements.FAMILIES for kind in elements.kinds(family)]
 KINDS = [(family, kind) for family, kind in SECTIONS if family not in ("shape", "estimator")]
 """Kinds with a law in continuous time; shapes have tests of their own in ``tests/shapes`` and
-``tests/contacts``, estimators one file each. Flexible links are held to closed forms in
-``test_flexible_links`` instead of to independent laws."""
+``tests/contacts``, estimators one file each."""
 SCENES = {"planar": PLANAR, "spatial": SPATIAL}
 
 
@@ -379,32 +357,19 @@ def state_of(scene, loop, seed):
     return random_x(scene, np.random.default_rng(seed), loop.nx)
 
 
-def has_independent_law(family, kind):
-    """Whether the tests have an implementation of their own."""
-    laws = [SECOND[family]] if family in SECOND else []
-    laws += [leading] if family == "reference" else []
-    return any(has_writing(law, elements.kinds(family)[kind]) for law in laws)
-
-
 @pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)
 @pytest.mark.parametrize(("family", "kind"), KINDS)
-def test_the_engines_and_the_independent_laws_agree(family, kind, text):
+def test_the_engines_agree(family, kind, text):
+    """Mechanics and unknowns of the loop; the laws have tests of their own, one file each."""
     scene, loop = built(family, kind, text)
-    engine, oracle = PinocchioLoop(scene), None
-    if has_independent_law(family, kind):
-        oracle = independent.Engine(scene)
+    engine = PinocchioLoop(scene)
     _, c = loop.setup(loop.parameter_values)
-    first = scene.model.nq + scene.model.nv
-    assert engine.state_names == loop.state_names[first:]
-    names = oracle.state_names if oracle else ()
-    own = [*range(first), *(loop.state_names.index(name) for name in names)]
+    assert engine.state_names == loop.state_names[scene.model.nq + scene.model.nv :]
     for seed in range(3):
         x, t = state_of(scene, loop, seed), 0.3 + 0.5 * seed
         rate = loop.dynamics(t, x, loop.at(t, x, c)).full().ravel()
         near = {"rtol": 1e-8, "atol": 1e-8 * np.abs(rate).max()}
         np.testing.assert_allclose(rate, engine.derivative(t, x), **near)
-        if oracle is not None:
-            np.testing.assert_allclose(rate[own], oracle.derivative(t, x[own]), **near)
 
 
 @pytest.mark.parametrize("text", SCENES.values(), ids=SCENES)

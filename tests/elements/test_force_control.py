@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,15 +14,15 @@ import spacerobot as sr
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
 from spacerobot.linear import margins
-from spacerobot.pinocchio_engine import PinocchioLoop
-from tests.oracles import engine as independent
+from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from tests.oracles.gantry import (
     CONTROLLERS,
     SPRING,
     gantry_scene,
     masses_in_line,
 )
-from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
+from tests.oracles.motions import DesiredMotions
+from tests.oracles.small_scenes import random_x
 
 INERTIA, DAMPING, STIFFNESS = 2.0, 5.0, 40.0
 VIRTUAL = {"inertia": [INERTIA, 3, 1], "damping": [DAMPING, 1, 1], "stiffness": [STIFFNESS, 60, 1]}
@@ -118,46 +119,25 @@ def test_the_port_of_a_tip_is_passive_whatever_it_holds(masses, grasp, law, kind
     assert np.diff(energy).max() <= max(1e-7 * energy[0], 1e-28)
 
 
-TURNING = {"inertia": [0.5, 0.4, 0.3], "damping": [6, 9, 4], "stiffness": [3, 5, 8]}
-
-
-@pytest.mark.parametrize("name", ["one arm", "two arms", *(f"turning {kind}" for kind in KINDS)])
-def test_directions_and_tips_do_not_disturb_each_other(name):
-    """Accelerations of tips: each law gets its own, although the same joints and base move all of them."""
-    offset = {"robots.chaser.sensors": {"tip_force": {"offset": 0.4}, "tip_torque": {"offset": 0.1}}}
-    alone = {"phases": {}, "grasps": {}, "contacts": {}}
-    if name == "two arms":
-        scene = sr.load_scene("touch", alone | offset)
-    elif name == "one arm":
-        scene = coupled_scene()
-    else:  # about three axes, where the rotation vector's rate is not the angular velocity
-        turns = {"orientation_soft": {"kind": name.split()[1]} | TURNING}
-        tip = {"pid": None, "amnesia": None, "controllers": turns}
-        scene = small_scene(SPATIAL, {f"robots.one.tips.tip.{key}": part for key, part in tip.items()})
-    loop, oracle, second = build_closed_loop(scene), independent.Engine(scene), PinocchioLoop(scene)
-    _, c = loop.setup(loop.parameter_values)
-    size = scene.model.nq + scene.model.nv
-    own = [*range(size), *(loop.state_names.index(name) for name in oracle.state_names)]
-    for seed in range(3):
-        x, t = random_x(scene, np.random.default_rng(seed), loop.nx), 0.3
-        rate = loop.dynamics(t, x, loop.at(t, x, c)).full().ravel()
-        near = {"rtol": 1e-7, "atol": 1e-7 * np.abs(rate).max()}
-        np.testing.assert_allclose(rate, second.derivative(t, x), **near)
-        np.testing.assert_allclose(rate[own], oracle.derivative(t, x[own]), **near)
-
-
-def coupled_scene():
-    """Planar arm of three joints whose tip is moved and turned by laws of different kinds."""
-    tip = {
-        "pid": None,
-        "amnesia": None,
-        "controllers": {
-            "soft": {"kind": "impedance", "inertia": [5, 4, 3], "stiffness": [40, 25, 60]},
-            "orientation_soft": {"kind": "admittance", "damping": [6, 9, 4], "inertia": [0.5, 0.4, 0.3]},
-        },
-    }
-    sensors = {"tip_force": {"offset": 0.1, "scale": 1.2}, "tip_torque": {"offset": -0.05, "scale": 0.9}}
-    return small_scene(PLANAR, {"robots.one.tips.tip": tip, "robots.one.sensors": sensors})
+def test_two_arms_on_one_base_do_not_disturb_each_other():
+    """Each tip accelerates by its impedance, less what the wrenches that sensors report would have done."""
+    felt = np.r_[0.4, 0.4, 0.4, 0.1, 0.1, 0.1]  # without contact
+    sensors = {"tip_force": {"offset": felt[0]}, "tip_torque": {"offset": felt[-1]}}
+    alone = {"phases": {}, "grasps": {}, "contacts": {}, "robots.chaser.controllers": {}}
+    scene = sr.load_scene("touch", alone | {"robots.chaser.sensors": sensors})
+    desired, model = DesiredMotions(scene), scene.model
+    x = random_x(scene, np.random.default_rng(1), len(desired.x0))
+    state = MechanicalState(model, x[: model.nq], x[model.nq : model.nq + model.nv])
+    acceleration = desired.rate(0.3, x)[model.nq : model.nq + model.nv]
+    tips, rows = [state.frame(tip.frame) for tip in scene.tips], [0, 1, 5]  # of a plane
+    reported = np.linalg.solve(state.inertia, sum(tip.jacobian.T @ felt for tip in tips))
+    for tip, wanted in zip(tips, desired.at(0.3, x).values(), strict=True):
+        gap = pin.log3(wanted.rotation @ tip.rotation.T)
+        spring = np.r_[60 * (wanted.position - tip.position), 20 * np.linalg.solve(pin.Jexp3(-gap), gap)]
+        damping = np.repeat([40, 6], 3) * (np.r_[wanted.velocity, wanted.angular_velocity] - tip.velocity)
+        expected = (spring + damping + felt) / np.repeat([4, 0.5], 3) - tip.jacobian @ reported
+        found = tip.jacobian @ acceleration + tip.drift
+        np.testing.assert_allclose(found[rows], expected[rows], atol=1e-8 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("inertia", [1.0, 30.0])

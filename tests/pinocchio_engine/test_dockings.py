@@ -1,4 +1,4 @@
-"""Dockings by both engines and by independent laws: the same events at the same times, the same states."""
+"""Dockings by both engines: the same events at the same times, the same states."""
 
 import copy
 
@@ -27,7 +27,7 @@ def both(scene, duration, step):
 
 
 def hold_together(scene, duration, step=0.005):
-    """The names of the events, once both engines and the independent laws agree to 1e-6 in everything."""
+    """The names of the events, once both engines agree to 1e-6 in everything."""
     loop, ours, found = both(scene, duration, step)
     return agreed(loop, ours, found, scene)
 

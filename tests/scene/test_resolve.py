@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from spacerobot.common.errors import ScenarioError
+from spacerobot.pinocchio_engine import PinocchioLoop
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import to_document, to_yaml, validate
 from spacerobot.scenario.paths import get
 from spacerobot.scene import build_scene, load_scene
-from tests.oracles.engine import Engine
 from tests.oracles.small_scenes import PLANAR, SPATIAL, folder, small_scene
 
 
@@ -18,7 +18,7 @@ def assert_same(one, other):
     np.testing.assert_array_equal(one.q, other.q)
     np.testing.assert_array_equal(one.v, other.v)
     assert one.scenario == other.scenario
-    first, second = Engine(one), Engine(other)
+    first, second = PinocchioLoop(one), PinocchioLoop(other)
     np.testing.assert_array_equal(first.derivative(0.7, first.x0), second.derivative(0.7, second.x0))
 
 
