@@ -65,33 +65,14 @@ def simulate(
     Raises:
         SpaceRobotError: If a duration, a step or a tolerance is not positive and finite.
     """
-    begin = time.perf_counter()
-    trajectory = roll_out(PinocchioLoop(scene), (output_step_s, duration_s), (rtol, atol), progress)
-    return dataclasses.replace(trajectory, wall_s=time.perf_counter() - begin)
-
-
-def roll_out(
-    engine: PinocchioLoop,
-    times_s: tuple[float | None, float | None],
-    tolerances: tuple[float, float],
-    progress: Progress | None = None,
-) -> PinocchioTrajectory:
-    """Roll out an engine.
-
-    Args:
-        engine: The engine at the start.
-        times_s, tolerances: Longest time between samples and duration [s], relative and absolute tolerance,
-            as for :func:`simulate`.
-        progress: Called with the completed fraction, once for each sample.
-    """
-    simulation, (output_step_s, duration_s) = engine.scene.scenario.simulation, times_s
-    run = PinocchioRun(engine, *tolerances)
+    begin, simulation = time.perf_counter(), scene.scenario.simulation
+    run = PinocchioRun(PinocchioLoop(scene), rtol, atol)
     run.advance(
         simulation.duration if duration_s is None else duration_s,
         simulation.output_step if output_step_s is None else output_step_s,
         progress,
     )
-    return run.trajectory
+    return dataclasses.replace(run.trajectory, wall_s=time.perf_counter() - begin)
 
 
 def fired_events(loop: ClosedLoop, checked: PinocchioTrajectory) -> tuple[FiredEvent, ...]:
