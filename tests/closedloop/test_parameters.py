@@ -37,7 +37,7 @@ KEPT_ZEROS = {
 }
 KEPT_ZEROS["fixed"] = ()
 TEXTS = {"planar": PLANAR, "spatial": SPATIAL}
-TOGETHER = 4
+TOGETHER = 8
 FIXED = {"robots.one.base": {"joint": "fixed", "position": [0.1, 0.2, 0]}}
 
 
