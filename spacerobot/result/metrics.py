@@ -95,7 +95,11 @@ def greatest_grip(data: xr.Dataset) -> dict[str, Any]:
 
 
 def greatest_contact(data: xr.Dataset) -> dict[str, Any]:
-    """Largest contact force [N] with its contact and time."""
+    """Largest contact force [N] of the samples, with its contact and time.
+
+    An impact that is shorter than the distance of the samples may peak between them; a smaller
+    ``simulation.output_step`` shows the peak.
+    """
     return _greatest(data, _sizes(data, "contact_force"), "contact", "force_n")
 
 

@@ -75,7 +75,7 @@ class LargestGrip(TypedDict):
 
 
 class LargestContact(TypedDict):
-    """Largest force of a contact."""
+    """Largest force of a contact, of the samples; a short impact may peak between them."""
 
     force_n: float
     contact: str | None

@@ -277,12 +277,18 @@ def panel_grid(
 
 
 def below_last(axes: np.ndarray[Any, Any]) -> None:
-    """Keep labels and tick labels of horizontal axes only under the last panel of each column."""
-    for panel in axes.flat:
-        place = panel.get_subplotspec()
-        if place is not None and not place.is_last_row():
+    """Keep labels and tick labels of horizontal axes only under the last panel of each column.
+
+    Args:
+        axes: Panels (rows, columns); those without axes are blank.
+    """
+    for column in axes.T:
+        *others, last = [panel for panel in column if panel.axison] or [None]
+        for panel in others:
             panel.set_xlabel("")
             panel.tick_params(labelbottom=False)
+        if last not in (None, column[-1]):
+            last.tick_params(labelbottom=True)  # hidden so far, as the axis is shared with the blank panel
 
 
 def line(index: int) -> dict[str, Any]:

@@ -164,7 +164,9 @@ def failure_message(result: SolveResult, starts: int = 1) -> str | None:
     avoidance = f"; `collision_avoidance` keeps apart {names}" if names else ""
     if result.solution is None:
         many = f" from {starts} starts" if starts > 1 else ""
-        return f"no plan was found{many}: {result.cause}{avoidance}"
+        # arrivals other than the last one are not explained by the smallest violation
+        ended = f"the solver ended with {result.runs[-1].status!r}" if result.runs else "no initial guess"
+        return f"no plan was found{many}: {result.cause or ended}{avoidance}"
     assert result.verification is not None
     faults = result.verification.failures()
     if faults and result.cause:

@@ -76,6 +76,10 @@ def test_a_bad_start_names_what_is_no_number(reach):
     assert "bad start: the first guess cannot be evaluated, for these are no numbers: " in message
     assert "mate: position x" in message
     assert "starts: 5" in message
+    assert "found: the solver ended with" not in message
+    unexplained = failure_message(dataclasses.replace(result, cause=""))
+    assert unexplained.startswith("no plan was found: ")
+    assert not unexplained.endswith(": ")
 
 
 def test_a_mesh_that_may_not_be_finer_is_named(reach):

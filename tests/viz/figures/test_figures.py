@@ -43,7 +43,7 @@ from viz.figures import (
 )
 from viz.figures.labels import labels_of
 from viz.figures.ledger import energy_astray
-from viz.figures.style import drawn_for, lay_out, to_bytes
+from viz.figures.style import below_last, drawn_for, lay_out, panel_grid, to_bytes
 from viz.figures.tips import enlargement
 from viz.figures.wheels import shares
 from viz.page.signals import quantities
@@ -182,6 +182,16 @@ def test_joints_of_one_robot_can_be_told_apart(spatial):
     drawn = joints(spatial).axes[0].get_lines()
     looks = {(line.get_color(), str(line._dash_pattern)) for line in drawn}
     assert len(looks) == len(drawn) == 14
+
+
+def test_the_last_panel_of_each_column_has_the_time_also_above_a_blank_one():
+    figure, axes = panel_grid(3, 2, sharex=True)
+    for panel in axes.flat:
+        panel.set_xlabel("time [s]")
+    below_last(axes)
+    figure.draw_without_rendering()
+    labelled = [(panel.get_xlabel(), panel.xaxis.get_tick_params()["labelbottom"]) for panel in axes.flat[:3]]
+    assert labelled == [("", False), ("time [s]", True), ("time [s]", True)]
 
 
 def test_names_of_many_joints_fit_beside_their_curves(paper):
