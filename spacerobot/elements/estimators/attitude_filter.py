@@ -274,17 +274,36 @@ class _AttitudeFilterLaw:
         return Contribution(
             states=(*(state for state, _ in updates), clock.count),
             events=(tick,),
-            outputs=tuple(self._outputs(estimate)),
+            outputs=tuple(self._outputs(clock)),
             estimates=((TRACKER, turned), (GYRO, lambda _: spin)),
             innovations=(innovation_of_tracker,),
         )
 
-    def _outputs(self, estimate: ca.SX) -> Iterable[Output]:
-        """Errors, standard deviations and normalised squared errors (consistency) of the estimate."""
+    def _present(self, clock: Clock) -> tuple[ca.SX, ca.SX]:
+        """Attitude and covariance at the present time: those of the last update, turned on by its spin.
+
+        Controllers read the attitude of the last update, which is held. Its covariance is that of the
+        instant of the update, so that the held attitude of a base that turns is off by many deviations.
+        """
+        n, axes, period = self.size, list(self.axes), self.robot.errors(GYRO).steady("period")
+        since = self.robot.context.time - ca.fmax(clock.count.symbol - 1, 0) * period
+        attitude, covariance = (
+            attitude_of(self.attitude.symbol),
+            symmetric(self.covariance.symbol, self._count),
+        )
+        # the error of the last sample without bias acts for the whole time, unlike in the mean of two samples
+        lever, transition = since * attitude[axes, axes], ca.SX.eye(self._count)
+        transition[:n, n : 2 * n] = transition[:n, 2 * n : 3 * n] = -lever
+        covariance = ca.mtimes(transition, ca.mtimes(covariance, transition.T))
+        return ca.mtimes(turned_by(since * self.spin.symbol), attitude), covariance
+
+    def _outputs(self, clock: Clock) -> Iterable[Output]:
+        """Errors, standard deviations and normalised squared errors (consistency) of the present estimate."""
         n, name = self.size, self.robot.robot
+        estimate, covariance = self._present(clock)
         error = rotation_log(ca.mtimes(self.true, estimate.T))[list(self.axes)]
         true = ca.SX.zeros(n) if self.gyro.bias is None else self.gyro.bias
-        covariance = symmetric(self.covariance.symbol, self._count)[: 2 * n, : 2 * n]
+        covariance = covariance[: 2 * n, : 2 * n]
         deviation = ca.sqrt(ca.diag(covariance))
         errors = ca.vertcat(error, true - self.bias.symbol)
         nees = ca.dot(errors, SymmetricFactors(covariance).solve(errors))
