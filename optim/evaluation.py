@@ -61,11 +61,15 @@ class DatasetResult(Tabular):
     data: xr.Dataset
 
     def save(self, path: StrPath) -> None:
-        """Write it to a netCDF file.
+        """Write it to a netCDF file, whose name ends in ``.nc``.
 
         Raises:
-            ResultError: If the file cannot be written.
+            ResultError: If the name ends otherwise, or the file cannot be written.
         """
+        suffix = Path(path).suffix
+        if suffix != ".nc":
+            found = f"found the suffix {suffix!r}" if suffix else "found no suffix"
+            raise ResultError(f"{found}, allowed: .nc", source=Path(path))
         write_dataset(self.data, path)
 
     @classmethod
