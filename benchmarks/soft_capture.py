@@ -2,8 +2,9 @@
 
 The problem is that of Sow, Gutow, Choset and Manchester 2024 (arXiv:2405.00867), the scenario
 ``soft-capture``.
-``python -m benchmarks.soft_capture FILE [FIRST LAST]`` plans draws and adds them to a file, line by line.
-Draws in the file are left out, so that an interrupted run resumes.
+``python -m benchmarks.soft_capture FILE [FIRST LAST] [--arm]`` plans draws and adds them to a file, line by
+line. Draws in the file are left out, so that an interrupted run resumes. With ``--arm`` the chaser has an arm
+whose tip grasps the port, ``examples/soft-capture-arm.yaml``.
 """
 
 from __future__ import annotations
@@ -21,12 +22,25 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.interpolate import PPoly
 from scipy.spatial.transform import Rotation
 
+from benchmarks.arm_flight import (
+    Chain,
+    CircularOrbit,
+    Servo,
+    arm_distances,
+    arm_flown,
+    arm_rotation,
+    read_arm,
+    tip_motion,
+)
 from benchmarks.table_row import Row
+from optim.planning.search.held_joints import solver_with_joints_held
 from optim.planning.search.make_plan import make_plan
 from optim.planning.search.plan_solver import PlanSolver
 from optim.planning.transcription.motion import Motion
+from optim.planning.verification.tracking_gains import tracking_gains
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import NoPlanError
 from spacerobot.scene import load_scene
@@ -42,6 +56,11 @@ CHASER = np.array([[16.072, 3.07409e-11, 4.25544e-8], [0, 13.3014, 4.49124e-10],
 TARGET = np.array([[5.89056, -1.37725e-7, 2.97917e-8], [0, 11.4462, 0.233516], [0, 0, 11.5365]])
 THRUST, SPEED, SPIN = 100.0, 1.5, 0.2
 POSITION, VELOCITY = 0.35, 0.03
+ARM = Path(__file__).parents[1] / "examples" / "soft-capture-arm.yaml"
+NEAR = 8.0
+"""Distance of the bodies' centres beyond which the arm is clear of the target [m]."""
+GRASP_POSITION, GRASP_VELOCITY, GRASP_ANGLE = 0.01, 0.01, np.radians(2)
+"""Largest errors of the arm's tip when it grasps [m, m/s, rad]."""
 CONE, VIEW = np.radians(30), np.radians(30)
 CONE_TIME = 4.0
 """Time between the first and the last of the five points, 1 s apart, at which the cone is published [s]."""
@@ -167,32 +186,41 @@ def flown(draw: Draw, wrench: Callable[[Array | float], Array], knots: Array) ->
 
 
 def violations(times: Array, chaser: Array, target: Array, wrenches: Array) -> dict[str, float]:
-    """Largest relative excess of each constraint; for hulls the smallest distance, negated [m]."""
+    """Largest relative excess of each constraint; for hulls the smallest distance, negated [m].
+
+    Args:
+        times, chaser, target: A flight, as :func:`flown` returns it.
+        wrenches: Force and torque on the chaser (n, 6), its own axes.
+    """
+    hill = Rotation.from_rotvec(np.outer(times, [0, 0, RATE]))
+    bodies = [hill.inv() * Rotation.from_quat(one) for one in (chaser[:, 6:10], target[:, :4])]  # Hill axes
+    spins = [b.apply(w) - [0, 0, RATE] for b, w in zip(bodies, (chaser[:, 10:], target[:, 4:]), strict=True)]
+    ports = [chaser[-1, :3], np.zeros(3)] + PORT * np.array([body[-1].apply([0.0, 0, 1]) for body in bodies])
+    # of the chaser's port, and of the target's point there
+    moving = [np.cross(spin[-1], ports[0] - c) for spin, c in zip(spins, (chaser[-1, :3], 0), strict=True)]
+    moving[0] += chaser[-1, 3:6]
+    return path_violations(times, chaser, target, wrenches) | {
+        "position": float(np.linalg.norm(ports[0] - ports[1]) / POSITION - 1),
+        "velocity": float(np.linalg.norm(moving[0] - moving[1]) / VELOCITY - 1),
+    }
+
+
+def path_violations(times: Array, chaser: Array, target: Array, wrenches: Array) -> dict[str, float]:
+    """Excesses of :func:`violations` other than those at the end."""
     import coal
 
     hill = Rotation.from_rotvec(np.outer(times, [0, 0, RATE]))
-    bodies = [
-        hill.inv() * Rotation.from_quat(one) for one in (chaser[:, 6:10], target[:, :4])
-    ]  # in Hill axes
-    frame = np.array([0, 0, RATE])
-    spins = [b.apply(w) - frame for b, w in zip(bodies, (chaser[:, 10:], target[:, 4:]), strict=True)]
+    bodies = [hill.inv() * Rotation.from_quat(one) for one in (chaser[:, 6:10], target[:, :4])]  # Hill axes
     place, speed = chaser[:, :3], chaser[:, 3:6]
     axes = [body.apply([0.0, 0, 1]) for body in bodies]
-    ports = place + PORT * axes[0], PORT * axes[1]
-    # of the chaser's port, and of the target's point there
-    moving = speed + np.cross(spins[0], PORT * axes[0]), np.cross(spins[1], ports[0])
     # the chaser's centre in the cone of the target's port, as published
-    away = place - ports[1]
+    away = place - PORT * axes[1]
     along = np.einsum("ij,ij->i", away, axes[1])
     across = np.linalg.norm(away - along[:, None] * axes[1], axis=1)
     late = times >= times[-1] - CONE_TIME
     angle = np.arccos(np.clip(np.einsum("ij,ij->i", axes[0], -place) / np.linalg.norm(place, axis=1), -1, 1))
-    pads, shapes = load_scene("soft-capture").scenario.pads, []
-    for name in ("chaser", "target"):
-        points = coal.StdVec_Vec3s()
-        points.extend([np.array(point) for point in pads[name].points])
-        shapes.append(coal.Convex.convexHull(points, False, ""))
-    gaps = []
+    spin = bodies[0].apply(chaser[:, 10:]) - [0, 0, RATE]
+    shapes, gaps = hulls(), []
     for k in range(len(times)):
         result = coal.DistanceResult()
         chaser_at = coal.Transform3s(bodies[0][k].as_matrix(), place[k])
@@ -202,13 +230,23 @@ def violations(times: Array, chaser: Array, target: Array, wrenches: Array) -> d
     return {
         "thrust": float(np.linalg.norm(wrenches[:, :3], axis=1).max() / THRUST - 1),
         "speed": float(np.linalg.norm(speed, axis=1).max() / SPEED - 1),
-        "spin": float(np.linalg.norm(spins[0], axis=1).max() / SPIN - 1),
+        "spin": float(np.linalg.norm(spin, axis=1).max() / SPIN - 1),
         "view": float(angle.max() / VIEW - 1),
         "cone": float((np.arctan2(across, along)[late]).max() / CONE - 1),
-        "position": float(np.linalg.norm(ports[0][-1] - ports[1][-1]) / POSITION - 1),
-        "velocity": float(np.linalg.norm(moving[0][-1] - moving[1][-1]) / VELOCITY - 1),
         "hulls": -float(min(gaps)),
     }
+
+
+def hulls() -> list[Any]:
+    """Hulls of chaser and target."""
+    import coal
+
+    pads, shapes = load_scene("soft-capture").scenario.pads, []
+    for name in ("chaser", "target"):
+        points = coal.StdVec_Vec3s()
+        points.extend([np.array(point) for point in pads[name].points])
+        shapes.append(coal.Convex.convexHull(points, False, ""))
+    return shapes
 
 
 def wrench_of(motion: Motion) -> Callable[[Array | float], Array]:
@@ -227,29 +265,38 @@ def wrench_of(motion: Motion) -> Callable[[Array | float], Array]:
     return wrench
 
 
-def compile_problem() -> None:
+def scenario(*, arm: bool) -> str | Path:
+    """Scenario of a chaser with or without an arm."""
+    return ARM if arm else "soft-capture"
+
+
+def compile_problem(*, arm: bool = False) -> None:
     """Compile the functions of the problem, which are the same for all draws."""
-    PlanSolver.of(load_scene("soft-capture"), "compiled")
+    solver = PlanSolver.of(load_scene(scenario(arm=arm)), "compiled")
+    solver_with_joints_held(solver)
 
 
-def planned(draw: Draw) -> dict[str, Any]:
+def planned(draw: Draw, *, arm: bool = False) -> dict[str, Any]:
     """Plan a draw, fly it and check it: status, processor time [s], duration [s], impulse [N s], excesses.
 
     The functions of the problem are compiled already; see :func:`compile_problem`.
     """
-    scene = load_scene("soft-capture", draw.changes())
+    scene = load_scene(scenario(arm=arm), draw.changes())
     began = time.process_time()
     try:
         plan = make_plan(scene, backend="compiled")
     except NoPlanError as fault:
         return {"status": "no plan", "cpu_s": time.process_time() - began, "why": fault.message}
     spent, motion = time.process_time() - began, plan.motion
-    knots, wrench = np.array(motion.mesh.knots) * motion.duration_s, wrench_of(motion)
-    times, chaser, target = flown(draw, wrench, knots)
-    wrenches = wrench(times)
-    excess = violations(times, chaser, target, wrenches)
-    fine = np.linspace(0, motion.duration_s, 20 * len(times))
-    forces = wrench(fine)[:, :3]
+    knots, drives = np.array(motion.mesh.knots) * motion.duration_s, wrench_of(motion)
+    numbers: dict[str, float] = {}
+    if arm:
+        excess, numbers = arm_violations(draw, motion)
+    else:
+        times, chaser, target = flown(draw, drives, knots)
+        excess = violations(times, chaser, target, drives(times))
+    fine = np.linspace(0, motion.duration_s, 20 * int(np.ceil(motion.duration_s / 0.05)))
+    forces = drives(fine)[:, -6:-3]
     return {
         "status": "verified" if all(value <= ALLOWED for value in excess.values()) else "violated",
         "cpu_s": spent,
@@ -257,7 +304,98 @@ def planned(draw: Draw) -> dict[str, Any]:
         "impulse_Ns": float(np.trapezoid(np.linalg.norm(forces, axis=1), fine)),
         "iterations": sum(run.iterations for run in plan.runs),
         "excess": excess,
+        **numbers,
     }
+
+
+def arm_violations(draw: Draw, motion: Motion) -> tuple[dict[str, float], dict[str, float]]:
+    """Excesses of a plan with an arm as of :func:`violations`, and further numbers, on an independent flight.
+
+    The base's wrench acts without feedback. The joints follow the plan by the feedback of ``followed.yaml``.
+    Excesses of distances are negated distances [m]; those of joints' positions are relative to their ranges.
+    """
+    scene = motion.problem.stage.scene
+    (body,) = scene.robots
+    mount = body.config.mounts["arm"]
+    links = read_arm(
+        Path(__file__).parents[1] / "urdf" / mount.urdf,
+        np.array(mount.position),
+        np.array(mount.rotation_deg),
+    )
+    chain, orbit = Chain(MASS, symmetric(CHASER), links), CircularOrbit(MU, AXIS)
+    count = len(chain.moving)
+    knots, drives = np.array(motion.mesh.knots) * motion.duration_s, wrench_of(motion)
+    # positions and rates of the planned joints are polynomials of degree 4 in each interval
+    nodes = np.linspace(0, 1, 5)
+    joints = [scene.model.joints[joint] for joint in motion.problem.stage.driven.joints]
+    q, v = motion.parts(motion.at(motion.mesh, nodes))[:2]
+    angles, rates = q[:, [joint.idx_q for joint in joints]], v[:, [joint.idx_v for joint in joints]]
+
+    def course(values: Array) -> PPoly:
+        """Polynomials through values (intervals 5, n) at the nodes."""
+        by_interval = values.reshape(motion.intervals, len(nodes), count)
+        local = np.einsum("pj,njk->pnk", np.linalg.inv(np.vander(nodes)), by_interval)
+        powers = np.arange(len(nodes) - 1, -1, -1)[:, None, None]
+        return PPoly(local / np.diff(knots)[:, None] ** powers, knots)
+
+    gains = tracking_gains(motion, body.name)
+    servo = Servo(
+        lambda t: drives(t)[:count],
+        course(angles),
+        course(rates),
+        *(np.full(count, gains[key]) for key in ("kp", "kd")),
+        np.array([link.torque for link in chain.moving]),
+    )
+    _, _, target = flown(draw, lambda _: np.zeros(6), knots)
+    pointing = draw.pointing
+    start = [
+        draw.position,
+        pointing.as_quat(),
+        pointing.inv().apply(draw.velocity + np.cross([0, 0, RATE], draw.position)),
+    ]
+    start += [pointing.inv().apply([0, 0, RATE]), angles[0], rates[0]]
+    times, states = arm_flown(chain, orbit, np.concatenate(start), lambda t: drives(t)[count:], servo, knots)
+    # as states of `flown`, which are in Hill axes
+    hill, attitude = Rotation.from_rotvec(np.outer(times, [0, 0, RATE])), Rotation.from_quat(states[:, 3:7])
+    place = hill.inv().apply(states[:, :3])
+    speed = hill.inv().apply(attitude.apply(states[:, 7:10])) - np.cross([0, 0, RATE], place)
+    chaser = np.hstack([place, speed, states[:, 3:7], states[:, 10:13]])
+    joint_torques = np.array(
+        [servo(*one) for one in zip(times, states[:, 13 : 13 + count], states[:, 13 + count :], strict=True)]
+    )
+    limits = {
+        key: np.array([getattr(link, key) for link in chain.moving])
+        for key in ("lower", "upper", "rate", "torque")
+    }
+    joint_angles, width = states[:, 13 : 13 + count], limits["upper"] - limits["lower"]
+    outside = np.maximum(limits["lower"] - joint_angles, joint_angles - limits["upper"])
+    # tip and port at the end, in axes that do not rotate
+    tip, axis, moving, held = tip_motion(chain, states[-1])
+    object_attitude = Rotation.from_quat(target[-1, :4])
+    port, spin = object_attitude.apply([0, 0, PORT]), object_attitude.apply(target[-1, 4:])
+    off, slip = float(np.linalg.norm(tip - port)), float(np.linalg.norm(moving - np.cross(spin, tip)))
+    angle = float(np.arccos(np.clip(axis @ -port / PORT, -1, 1)))
+    excess = path_violations(times, chaser, target, drives(times)[:, count:]) | {
+        "position": off / GRASP_POSITION - 1,
+        "velocity": slip / GRASP_VELOCITY - 1,
+        "orientation": float(angle / GRASP_ANGLE - 1),
+        "joint range": float((outside / width).max()),
+        "joint rate": float((np.abs(states[:, 13 + count :]) / limits["rate"]).max() - 1),
+        "joint torque": float((np.abs(joint_torques) / limits["torque"]).max() - 1),
+    }
+    near = np.linalg.norm(place, axis=1) < NEAR
+    attitudes = (attitude, Rotation.from_quat(target[:, :4]))
+    excess |= arm_distances(chain, states, attitudes, hulls(), near)
+    numbers = {
+        "tip_error_m": off,
+        "tip_speed_m_s": slip,
+        "tip_angle_deg": float(np.degrees(angle)),
+        "base_slip_m_s": float(np.linalg.norm(held - np.cross(spin, tip))),
+        "arm_rotation_deg": float(np.degrees(arm_rotation(chain, times, states))),
+        "joint_motion_deg": float(np.degrees(np.ptp(joint_angles, axis=0).max())),
+        "joint_torque_Nm": float(np.abs(joint_torques).max()),
+    }
+    return excess, numbers
 
 
 def row() -> list[Row]:
@@ -301,11 +439,12 @@ def missing_draws(path: Path, first: int, last: int) -> list[int]:
 
 def main() -> None:
     """Plan draws and append their results to a file."""
-    path, *numbers = sys.argv[1:]
+    arm = "--arm" in sys.argv
+    path, *numbers = (word for word in sys.argv[1:] if word != "--arm")
     first, last = (int(number) for number in numbers) if numbers else (0, DRAWS)
-    compile_problem()
+    compile_problem(arm=arm)
     for k in missing_draws(Path(path), first, last):
-        line = json.dumps({"draw": k, **planned(draws()[k])})
+        line = json.dumps({"draw": k, **planned(draws()[k], arm=arm)})
         with Path(path).open("a") as file:
             file.write(line + "\n")
 

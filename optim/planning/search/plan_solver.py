@@ -359,9 +359,8 @@ class PlanSolver:
                 CollocationProgram(problem, self.instants, self.lobatto, mesh)
                 for problem, mesh in zip(segment_problems(problems[0], len(meshes)), meshes, strict=True)
             ]
-            return PhaseChain(
-                programs, [self.joint] * (len(meshes) - 1), segment_constraints(programs, problems[0])
-            )
+            joints = [self.joint] * (len(meshes) - 1) if len(meshes) > 1 else []
+            return PhaseChain(programs, joints, segment_constraints(programs, problems[0]))
         programs = [
             CollocationProgram(problem, one.instants, self.lobatto, mesh)
             for problem, one, mesh in zip(problems, self.phases, meshes, strict=True)

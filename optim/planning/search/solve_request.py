@@ -15,6 +15,7 @@ from optim.planning.search.failure_messages import (
     limit_message,
     soft_rows,
 )
+from optim.planning.search.held_joints import motion_with_joints, solver_with_joints_held
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult, SolverRun
 from optim.planning.solver.elastic import ElasticProgram
 from optim.planning.solver.ipopt import PATIENCE, TIME_LIMIT, Solution, solve
@@ -182,7 +183,7 @@ class _SolverRuns:
         many = self.solver.plan.intervals
         meshes = self.solver.meshes(many)
         if is_guided(self.problem):  # by an approach, which a coarse mesh of a tumbling target would lose
-            if not self._around_shapes(meshes):
+            if not (self._with_joints_held() or self._around_shapes(meshes)):
                 self._guessed(meshes)
         elif many < MANY:
             coarser = many // COARSER
@@ -356,6 +357,22 @@ class _SolverRuns:
             motions.append(initial_guess(problem, solver.lobatto, mesh, rng, start))
         impulses = tuple(np.zeros(link.impulses) for link in solver.links)
         return self._solve(PhasedMotion(tuple(motions), impulses), meshes, give_up=give_up)
+
+    def _with_joints_held(self) -> bool:
+        """Solve with the joints held, and then with moving joints from that solution."""
+        held = solver_with_joints_held(self.solver)
+        if held is None or self.request.start:
+            return False
+        request = dataclasses.replace(
+            held.request(), duration=self.request.duration, refine=False, explain=False
+        )
+        result = solve_request(held, request)
+        self.runs.extend(result.runs)
+        if result.solution is None:
+            return False
+        (motion,) = held.phased_motion(request, result).motions
+        self.deadline = time.thread_time() + self.solver.plan.time_limit
+        return self._solve(PhasedMotion((motion_with_joints(self.problem, motion),)), result.meshes)
 
     def _around_shapes(self, meshes: Meshes) -> bool:
         """Solve without the distances of shapes, then with them from that solution.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
 from optim.planning.formulation.grasps import wrench_axes
+from optim.planning.search.held_joints import balancing_drives
 from optim.planning.search.plan_solver import PlanSolver, SolveResult
 from optim.planning.solver.ipopt import Solution
 from optim.planning.transcription.lobatto import Lobatto
@@ -83,10 +83,7 @@ def stored_motion(solver: PlanSolver, path: Path) -> SolveResult:
         drive, parts = (np.zeros((len(times), one.numel())) for one in (stage.u, stage.s))
         z = np.hstack([q, v, a, drive, w, parts])
         drives = stage.q.numel() + stage.v.numel() + stage.a.numel()
-        # the drive balances the equations of motion
-        arguments = ca.vertcat(stage.z, stage.inertia)
-        left = ca.Function("left", [arguments], [ca.densify(stage.balance[list(stage.driven.columns)])])
-        z[:, drives : drives + stage.u.numel()] = np.array(left(problem.arguments(z)).full()).T
+        z[:, drives : drives + stage.u.numel()] = balancing_drives(problem, z)
         mesh = Mesh(tuple(float(knot) for knot in knots / knots[-1]))
         lobatto = Lobatto.of_order(2 * points - 2)
         motions.append(Motion(problem, lobatto, mesh, float(knots[-1]), z).split_forces())

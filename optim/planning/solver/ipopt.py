@@ -23,6 +23,8 @@ from spacerobot.common.arrays import Array
 
 PATIENCE = 30
 """Number of iterations after which a warm start is abandoned for a cold one."""
+TOLERANCE = 1e-8
+"""Largest residual of the first-order conditions at a solution."""
 LEAST_BARRIER = 1e-8
 """Minimum barrier parameter of a warm start, relative to the cost."""
 
@@ -95,17 +97,23 @@ def solve(
     """
     # if constraints may be dependent, their multipliers are kept small at every iteration
     always = {"perturb_always_cd": "yes"} if getattr(program, "is_redundant", False) else {}
+    tolerance = getattr(program, "tolerance", TOLERANCE)
     if scale is None:
         scale = 1.0 if warm is None else warm.scale
     presolved = PresolvedProgram(program, first)
     if warm is None:
-        return _solve(presolved, first, None, ipopt_options(iterations, scale) | always, on_iteration)
+        return _solve(
+            presolved, first, None, ipopt_options(iterations, scale, tolerance) | always, on_iteration
+        )
     has_multipliers = warm.multipliers.size > 0
-    options = ipopt_options(min(iterations, PATIENCE), scale, warm.barrier, has_multipliers=has_multipliers)
+    options = ipopt_options(
+        min(iterations, PATIENCE), scale, tolerance, warm.barrier, has_multipliers=has_multipliers
+    )
     first_run = _solve(presolved, first, warm if has_multipliers else None, options | always, on_iteration)
     if first_run.converged or iterations <= PATIENCE or first_run.status == TIME_LIMIT:
         return first_run
-    restart = _solve(presolved, first, None, ipopt_options(iterations, scale) | always, on_iteration)
+    cold = ipopt_options(iterations, scale, tolerance) | always
+    restart = _solve(presolved, first, None, cold, on_iteration)
     return dataclasses.replace(
         restart,
         iterations=first_run.iterations + restart.iterations,
@@ -159,7 +167,12 @@ def _solve(
 
 
 def ipopt_options(
-    iterations: int, scale: float, barrier: float | None = None, *, has_multipliers: bool = True
+    iterations: int,
+    scale: float,
+    tolerance: float = TOLERANCE,
+    barrier: float | None = None,
+    *,
+    has_multipliers: bool = True,
 ) -> dict[str, Any]:
     """IPOPT's options, with an initial barrier parameter if the search starts near a solution."""
     options: dict[str, Any] = {
@@ -168,7 +181,7 @@ def ipopt_options(
         "linear_solver": "mumps",
         "mumps_mem_percent": 200,
         "max_iter": iterations,
-        "tol": 1e-8,
+        "tol": tolerance,
         "obj_scaling_factor": 1 / scale,
         "constr_viol_tol": 1e-9,
         "acceptable_iter": 0,

@@ -45,7 +45,7 @@ def approached(problem: PlanningProblem, body: SceneBody) -> bool:
     """
     stage, target = problem.stage, problem.stage.scene.target
     axes = stage.driven.of_base(body.name)
-    is_driven = {axis[0] for axis in axes} == {"f", "t"} and not body.driven_joints
+    is_driven = {axis[0] for axis in axes} == {"f", "t"}
     if not is_driven or target is None or not target.root_joint or not problem.goal:
         return False
     if stage.scene.planar or stage.grips:

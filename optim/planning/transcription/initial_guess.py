@@ -51,11 +51,15 @@ def initial_guess(
     """
     stage, (least, greatest, duration) = problem.stage, problem.duration
     model, driven = stage.scene.model, stage.driven
-    columns = moved = list(driven.columns[: len(driven.joints)])
     if rng is not None and least < greatest:
         duration = float(rng.uniform(least, greatest))
     mesh = Mesh.of(mesh)
     approaches = _approaches(problem, lobatto)
+    # joints of a base that flies to the target keep their posture, with which the base arrives
+    kept = {j for body in stage.scene.robots if body.name in approaches for j in body.driven_joints}
+    columns = moved = [
+        column for joint, column in zip(driven.joints, driven.columns, strict=False) if joint not in kept
+    ]
     if approaches and least < greatest:  # another arrival for each start
         choices = next(iter(approaches.values())).durations
         duration = float(choices[start % len(choices)])

@@ -7,6 +7,7 @@ at the other nodes. The order is 2 s - 2; s = 3 is the Hermite-Simpson method.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,12 +56,12 @@ class Lobatto:
         """Weights of the quadrature (s,)."""
         return np.array(self.integral[-1])
 
-    @property
+    @functools.cached_property
     def basis(self) -> list[Array]:
         """Coefficients of the polynomials that are one at a node and zero at the others, lowest first."""
         return _basis(self.nodes)
 
-    @property
+    @functools.cached_property
     def primitives(self) -> list[Array]:
         """Coefficients of their integrals from 0."""
         return [np.asarray(polynomial.polyint(b)) for b in self.basis]

@@ -19,7 +19,7 @@ from scipy import sparse
 
 from optim.planning.formulation.grasps import tip_slip
 from optim.planning.formulation.stage import Stage
-from optim.planning.solver.ipopt import Solution
+from optim.planning.solver.ipopt import TOLERANCE, Solution
 from optim.planning.transcription.collocation_program import CollocationProgram, SparseSums
 from optim.planning.transcription.instant_functions import Pattern, derived
 from spacerobot.common.arrays import Array
@@ -112,6 +112,7 @@ class PhaseChain:
         is_redundant: Whether constraints may be dependent, assumed if magnitudes of forces are a cost. For
             example, the rest at the end of a body without torque follows from its start, and no such cost
             depends on that body.
+        tolerance: Largest residual of the first-order conditions at a solution.
     """
 
     def __init__(
@@ -122,6 +123,7 @@ class PhaseChain:
     ) -> None:
         self.programs, self.links = tuple(programs), tuple(links)
         self.is_redundant = any(program.problem.magnitudes for program in programs)
+        self.tolerance = TOLERANCE
         self._sizes = [*(p.size for p in programs), *(link.impulses for link in links)]
         self._counts = [
             *(p.rows for p in programs),

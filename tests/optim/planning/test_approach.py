@@ -12,9 +12,23 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from benchmarks.soft_capture import Draw, draws, flown, missing_draws, violations, wrench_of
+from benchmarks.arm_flight import Chain, read_arm
+from benchmarks.soft_capture import (
+    ARM,
+    CHASER,
+    MASS,
+    Draw,
+    arm_violations,
+    draws,
+    flown,
+    missing_draws,
+    symmetric,
+    violations,
+    wrench_of,
+)
 from optim.planning.formulation.formulate import formulate_phases
 from optim.planning.formulation.rows import functions_of, implicit_values
+from optim.planning.search.held_joints import scene_with_joints_held, solver_with_joints_held
 from optim.planning.search.make_plan import arrival_requests, make_plan
 from optim.planning.search.plan_solver import PlanSolver, with_margins
 from optim.planning.search.reachability import check_posture
@@ -166,6 +180,50 @@ def test_an_approach_is_found_from_one_that_ignores_the_hulls():
     assert plan.runs[1].converged
     assert plan.motion.duration_s == pytest.approx(103.6, abs=0.1)
     assert not plan.verification.failures()
+
+
+def test_an_arm_grasps_in_a_flight_by_other_equations():
+    draw = draws(4)[3]
+    changes = draw.changes() | {"plan.keep_out": {}, "plan.intervals": 8, "plan.duration.arrivals": 1}
+    plan = make_plan(load_scene(ARM, changes), backend="interpreted")
+    held, moving = plan.runs[:2]
+    assert held.converged
+    assert moving.converged
+    assert moving.cost < held.cost  # the arm saves propellant
+    excess, numbers = arm_violations(draw, plan.motion)
+    about_keep_out = {"hulls", "arm to chaser", "arm to target"}
+    assert max(value for name, value in excess.items() if name not in about_keep_out) < 1e-3
+    assert numbers["tip_error_m"] < 1e-3
+    assert numbers["joint_motion_deg"] > 5
+    assert numbers["joint_torque_Nm"] < 12
+
+
+def test_the_plan_with_joints_held_locks_them_and_keeps_zones_between_bodies(solver):
+    assert solver_with_joints_held(solver) is None  # of a base without an arm
+    (phase,) = formulate_phases(load_scene(ARM))
+    held = formulate_phases(scene_with_joints_held(phase.problem.stage.scene))[0]
+    assert not held.problem.stage.driven.joints
+    assert list(held.plan.keep_out) == ["hulls"]
+    assert held.plan.costs["joint_acceleration"].weight == 0
+    assert held.plan.costs["propellant"].weight == 1
+
+
+def test_kanes_equations_of_the_flight_agree_with_pinocchio():
+    scene, rng = load_scene(ARM), np.random.default_rng(0)
+    model, q, v = scene.model, scene.q.copy(), np.zeros(scene.model.nv)
+    mount = scene.scenario.robots["chaser"].mounts["arm"]
+    path = ARM.parents[1] / "urdf" / mount.urdf
+    chain = Chain(
+        MASS, symmetric(CHASER), read_arm(path, *map(np.array, (mount.position, mount.rotation_deg)))
+    )
+    q[:7], v[:13] = [0, 0, 0, 0, 0, 0, 1], rng.normal(size=13)
+    q[7:14] += 0.3 * rng.normal(size=7)
+    motion = chain.motion(q[7:14], v[6:13], v[3:6], v[:3])
+    matrix, bias = chain.equations(motion)
+    upper = np.triu(pin.crba(model, model.createData(), q))[:13, :13]
+    np.testing.assert_allclose(matrix, upper + np.triu(upper, 1).T, atol=1e-9)
+    # the model of a scene in rotating axes has no gravity of its own
+    np.testing.assert_allclose(bias, pin.nle(model, model.createData(), q, v)[:13], atol=1e-9)
 
 
 def test_an_interrupted_run_of_draws_resumes(tmp_path):

@@ -1,12 +1,14 @@
 """Plans that are made anew in flight, from what sensors show; rollouts that go on from where they were."""
 
+import gc
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from optim.planning.formulation.formulate import formulate
 from optim.planning.mpc.flown_scene import FlownScene, mpc_settings
-from optim.planning.mpc.horizon import Horizon
+from optim.planning.mpc.horizon import Horizon, without_garbage_collection
 from optim.planning.mpc.measured_state import measured_state, readings_of
 from optim.planning.search.plan_solver import PlanSolver
 from spacerobot.closedloop import build_closed_loop
@@ -496,3 +498,16 @@ def test_a_plan_of_several_phases_is_flown_in_its_first_one(reach):
         at_goal.append(np.linalg.norm(data.oMf[scene.tips[0].frame].translation - data.oMf[mate].translation))
     assert max(at_goal) < 1e-3
     assert np.abs(ends.data.q.values[:21] - goes_on.data.q.values[:21]).max() > 1e-3
+
+
+def test_no_garbage_is_collected_during_a_replan_and_afterwards_it_is():
+    with without_garbage_collection():
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with without_garbage_collection():
+            pass
+        assert not gc.isenabled()  # as before
+    finally:
+        gc.enable()
