@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.soft_capture_page OURS THEIRS`` reads the files that ``benchmarks.soft_capture`` and
 ``benchmarks.soft_capture_convex`` wrote, writes docs/data/soft_capture.json and
-docs/images/soft_capture.png, and prints the numbers of the page.
+docs/images/soft_capture.png, and prints the numbers of the page. With ``--arm FILE`` it reads the results of
+``benchmarks.soft_capture --arm`` instead, and writes docs/data/soft_capture_arm.json.
 """
 
 from __future__ import annotations
@@ -86,6 +87,12 @@ def print_numbers(results: Results, solved: str) -> None:
 
 def main() -> None:
     """Write the data and the figure, and print the numbers."""
+    if sys.argv[1] == "--arm":
+        arm = read(Path(sys.argv[2]))
+        lines = [json.dumps({"draw": k, "here": arm[k]}) for k in sorted(arm)]
+        (DOCS / "data" / "soft_capture_arm.json").write_text("[\n" + ",\n".join(lines) + "\n]\n")
+        print_numbers(arm, "verified")
+        return
     ours, theirs = (read(Path(word)) for word in sys.argv[1:3])
     lines = [json.dumps({"draw": k, "here": ours[k], "convex": theirs.get(k)}) for k in sorted(ours)]
     (DOCS / "data" / "soft_capture.json").write_text("[\n" + ",\n".join(lines) + "\n]\n")

@@ -65,7 +65,8 @@ def scene_with_joints_held(scene: Scene) -> Scene:
     pads, zones = scene.scenario.pads, plan_section(scene).keep_out
     others = dict[str, Any]()
     for name, zone in zones.items():
-        labels = [pads[side].link if side in pads else side for side in zone.between]
+        sides = () if zone.separated is None else zone.separated.between
+        labels = [pads[side].link if side in pads else side for side in sides]
         if len({label.partition("/")[0] for label in labels}) > 1:
             others[name] = zone.model_dump(mode="json")
     changes.append(("plan.keep_out", others))
