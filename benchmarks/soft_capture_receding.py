@@ -31,7 +31,7 @@ from spacerobot.simulation import simulate
 SCENE = Path(__file__).parents[1] / "examples" / "soft-capture-receding.yaml"
 ALLOWED_S, PERIOD_S = 0.1, 1.0
 STATES, PROCESSES, SEED = 128, 2, 0
-ITERATIONS = 10
+ITERATIONS = 9
 MASSES = (1530.0, 1470.0, 1485.0)
 """Masses of the chaser in the flights [kg]; the planner assumes 1500 kg."""
 POSITION, ATTITUDE, VELOCITY, SPIN = 0.01, 2e-3, 1e-3, 1e-4
