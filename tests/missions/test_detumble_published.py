@@ -39,12 +39,12 @@ def angular_momentum(model, q, v):
 
 @pytest.fixture(scope="module")
 def planned():
-    return sr.plan(sr.load_scene("detumble-published"), backend="interpreted").planned
+    return sr.plan(sr.load_scene("detumble-published"), backend="interpreted").solution
 
 
 def test_the_page_states_what_is_planned(planned):
     at_rest = {"plan.goals.rest": {"kind": "still", "still": "chaser"}}
-    rest = sr.plan(sr.load_scene("detumble-published", at_rest), backend="interpreted").planned
+    rest = sr.plan(sr.load_scene("detumble-published", at_rest), backend="interpreted").solution
     model, q, v, rate = published_start()
     motion = planned.motion
     positions, rates, _, drive, _ = motion.parts(motion.z)

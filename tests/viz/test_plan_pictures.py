@@ -205,7 +205,7 @@ def test_a_report_of_a_plan_says_where_limits_bind_and_what_the_cost_depends_on(
     flown = Result.load(folders[1])
     data = beside_its_plan(flown, load_scene(folders[0] / SCENARIO), plan)
     slopes = {"cost_sensitivities": {"plan.limits.torque": -0.0123}}
-    text = plan_report(plan, summary | slopes, flown, data)
+    text = plan_report(plan, summary | slopes, flown, data).replace("<wbr>", "")
     sections = re.findall(r'<section id="(\w+)">', text)
     assert sections == ["verdict", "limits", "cost", "replay", "mesh", "figures"]
     assert text.index("Verified") < text.index("data:image/png") < text.index("<iframe")
