@@ -298,29 +298,29 @@ def _program(
     """
     pair, step_rows, goal_rows, held = parts
 
-    def function(name: str, given: list[ca.SX], found: ca.SX) -> ca.Function:
+    def function(name: str, arguments: list[ca.SX], rows: ca.SX) -> ca.Function:
         """Function of both ends, with the constants of the derivatives substituted."""
-        return ca.Function(name, given, ca.substitute([ca.densify(found)], *held), {"cse": True})
+        return ca.Function(name, arguments, ca.substitute([ca.densify(rows)], *held), {"cse": True})
 
     wide, inner, goals = pair.numel() // 2, step_rows.numel() - 1, goal_rows.numel()
     size, n = wide * (count + 1), np.arange(count)[:, None]
     cost_slopes = function("step_gradient", [pair], ca.densify(ca.jacobian(step_rows[-1], pair)))
-    found = []
+    rows = []
     for name, rows_of in (("step", step_rows), ("goal", goal_rows)):
         by = ca.SX.sym("weights", rows_of.numel())
         slopes, bends = ca.jacobian(rows_of, pair), ca.triu(ca.hessian(ca.dot(by, rows_of), pair)[0])
-        found += [function(name, [pair], rows_of), function(f"{name}_slopes", [pair], slopes.nz[:])]
-        found.append(function(f"{name}_bends", [pair, by], bends.nz[:]))
-        found += [[np.array(k) for k in each.sparsity().get_triplet()] for each in (slopes, bends)]
-    step, slopes_of, bends_of, at, bent, goal, ends, end_bends, end_at, end_bent = found
+        rows += [function(name, [pair], rows_of), function(f"{name}_slopes", [pair], slopes.nz[:])]
+        rows.append(function(f"{name}_bends", [pair, by], bends.nz[:]))
+        rows += [[np.array(k) for k in each.sparsity().get_triplet()] for each in (slopes, bends)]
+    step, slopes_of, bends_of, at, bent, goal, ends, end_bends, end_at, end_bent = rows
     last, shift, end_shift = pairs[:, -1], n * wide, (count - 1) * wide
     values = step.map(count)(pairs)
     f, g = ca.sum2(values[inner, :]), ca.vertcat(ca.vec(values[:inner, :]), goal(last))
     by_pair = slopes_of.map(count)(pairs)
     others = np.flatnonzero(at[0] < inner).tolist()
-    own = np.arange(2 * wide)
+    columns = np.arange(2 * wide)
     of_cost = cost_slopes.map(count)(pairs)
-    gradient = _summed([(0 * n + 0 * own, shift + own)], (1, size), ca.vec(of_cost)).T
+    gradient = _summed([(0 * n + 0 * columns, shift + columns)], (1, size), ca.vec(of_cost)).T
     places = [(n * inner + at[0][others], shift + at[1][others])]
     places.append((count * inner + end_at[0], end_shift + end_at[1]))
     nonzeros = ca.vertcat(ca.vec(by_pair[others, :]), ends(last))
@@ -330,12 +330,12 @@ def _program(
     nonzeros = ca.vertcat(ca.vec(bends_of.map(count)(pairs, weights)), end_bends(last, multipliers[-goals:]))
     places = [(shift + bent[0], shift + bent[1]), (end_shift + end_bent[0], end_shift + end_bent[1])]
     hessian, p = _summed(places, (size, size), nonzeros), ca.MX.sym("p", 0)
-    given = [w, p, factor, multipliers]
+    arguments = [w, p, factor, multipliers]
     names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
     options = {
         "grad_f": ca.Function("grad_f", [w, p], [f, ca.densify(gradient)], ["x", "p"], ["f", "grad_f_x"]),
         "jac_g": ca.Function("jac_g", [w, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
-        "hess_lag": ca.Function("hess_lag", given, [hessian], *names),
+        "hess_lag": ca.Function("hess_lag", arguments, [hessian], *names),
         "no_nlp_grad": True,
         "print_time": False,
         "record_time": True,

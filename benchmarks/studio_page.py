@@ -73,7 +73,7 @@ def _measured(browser: Browser, studio: Studio) -> dict[str, Any]:
     browser.call("Page.navigate", url="about:blank")
     browser.call("Page.navigate", url=f"{studio.url}#t=5&play=0")
     browser.wait_for("document.querySelector('.slider .gradient')?.textContent.includes('+10 %')")
-    browser.wait_for("document.getElementById('doubt').hidden")  # nothing is compiled any more
+    browser.wait_for("document.getElementById('slopes-notice').hidden")  # nothing is compiled any more
     both = browser.evaluate(PAINTED.replace("SLIDER", SLIDER).replace("COUNT", str(WARM + COUNT)))[WARM:]
     times, finished = zip(*both, strict=True)
     drag = browser.evaluate(DRAGGED.replace("SLIDER", SLIDER).replace("LASTS", str(DRAG_S)))

@@ -38,7 +38,7 @@ def record(browser: Browser, url: str) -> list[tuple[Image.Image, int]]:
     browser.call("Emulation.setEmulatedMedia", features=dark)
     browser.call("Page.navigate", url=f"{url}#t=3.2&play=0")
     browser.wait_for("document.querySelector('.slider .gradient')?.textContent.includes('+10 %')")
-    browser.wait_for("document.getElementById('doubt').hidden")
+    browser.wait_for("document.getElementById('slopes-notice').hidden")
     browser.evaluate("document.getElementById('sort').click()")
     pictures = [(_picture(browser), 1500)]
     begin, end = (int(browser.evaluate(f"{BAR}.value")), 250)

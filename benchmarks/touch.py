@@ -140,11 +140,11 @@ def caged_figure(samples):
     spin_deg, friction, time = (np.array(samples[name]) for name in ("spin", "friction", "time"))
     is_caged = time > 0
     points, table = axes.flat
-    shown = points.scatter(
+    markers = points.scatter(
         spin_deg[is_caged], friction[is_caged], c=time[is_caged], s=12, cmap="viridis", label="caged"
     )
     points.plot(spin_deg[~is_caged], friction[~is_caged], "x", color=COLOURS[1], label="diverged")
-    figure.colorbar(shown, ax=points, label="caged after [s]")
+    figure.colorbar(markers, ax=points, label="caged after [s]")
     points.legend(loc="lower right", fontsize=7, frameon=True)
     edges = (np.linspace(10, FASTEST, BINS[0] + 1), np.linspace(0, 1, BINS[1] + 1))
     count = np.histogram2d(spin_deg, friction, edges)[0]

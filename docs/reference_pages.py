@@ -121,13 +121,13 @@ def _plain(schema: Schema) -> str:
 
 def range_of(schema: Schema) -> str:
     """Bounds of a key's number, from the key itself and from its alternatives."""
-    found = [
+    entries = [
         f"{sign} {one[key]:g}"
         for one in (schema, *schema.get("anyOf", ()))
         for key, sign in BOUNDS.items()
         if key in one
     ]
-    return ", ".join(dict.fromkeys(found))
+    return ", ".join(dict.fromkeys(entries))
 
 
 def default_of(name: str, schema: Schema, required: Mapping[str, Any] | list[str]) -> str:
@@ -254,14 +254,16 @@ def command_line() -> str:
 
 def _options(command: Any) -> str:
     rows = ["| argument or option | default | description |", "|---|---|---|"]
-    for own in command.params:
-        if own.name == "help" or getattr(own, "hidden", False):
+    for parameter in command.params:
+        if parameter.name == "help" or getattr(parameter, "hidden", False):
             continue
-        is_option = own.param_type_name == "option"
-        names = ", ".join(f"`{name}`" for name in (own.opts if is_option else [str(own.name).upper()]))
-        value = own.default
+        is_option = parameter.param_type_name == "option"
+        names = ", ".join(
+            f"`{name}`" for name in (parameter.opts if is_option else [str(parameter.name).upper()])
+        )
+        value = parameter.default
         default = "" if value is None or value is False or callable(value) or value == () else f"`{value}`"
-        rows.append(f"| {names} | {default} | {cell(own.help or '')} |")
+        rows.append(f"| {names} | {default} | {cell(parameter.help or '')} |")
     return "\n".join(rows)
 
 

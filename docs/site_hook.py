@@ -56,8 +56,10 @@ def names_of(package: str) -> str:
     module = importlib.import_module(package)
     names = [name for name in module.__all__ if name != "__version__"]
     homes = {name: getattr(module, name).__module__ for name in names}
-    own = [name for name in names if homes[name].startswith(package) and ".figures" not in homes[name]]
-    return "\n\n".join(f"::: {homes[name]}.{name}" for name in own)
+    package_names = [
+        name for name in names if homes[name].startswith(package) and ".figures" not in homes[name]
+    ]
+    return "\n\n".join(f"::: {homes[name]}.{name}" for name in package_names)
 
 
 def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> str:

@@ -68,8 +68,8 @@ class DatasetResult(Tabular):
         """
         suffix = Path(path).suffix
         if suffix != ".nc":
-            found = f"found the suffix {suffix!r}" if suffix else "found no suffix"
-            raise ResultError(f"{found}, allowed: .nc", source=Path(path))
+            problem = f"found the suffix {suffix!r}" if suffix else "found no suffix"
+            raise ResultError(f"{problem}, allowed: .nc", source=Path(path))
         write_dataset(self.data, path)
 
     @classmethod

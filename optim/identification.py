@@ -184,8 +184,8 @@ def identify(
     states, covariance = measured.states, np.zeros(2 * scene.model.nv)
     if noise is not None:
         covariance = measured.variances(noise)
-        drawn = np.random.Generator(np.random.Philox(seed)).normal(size=(len(states), len(covariance)))
-        states = [measured.moved(x, np.sqrt(covariance) * d) for x, d in zip(states, drawn, strict=True)]
+        normals = np.random.Generator(np.random.Philox(seed)).normal(size=(len(states), len(covariance)))
+        states = [measured.moved(x, np.sqrt(covariance) * d) for x, d in zip(states, normals, strict=True)]
     estimate, spread = _regression(measured, states, covariance)
     columns, names, _ = measured.places
     count = len(columns)
@@ -266,10 +266,10 @@ class _Momentum:
         for body in self.scene.robots:
             if body.root_joint:
                 joint = model.joints[body.root_joint]
-                turning = 3 if joint.nv == 6 else 1
-                base = [(noise.position, noise.velocity)] * (joint.nv - turning)
+                rotation_count = 3 if joint.nv == 6 else 1
+                base = [(noise.position, noise.velocity)] * (joint.nv - rotation_count)
                 deviations[joint.idx_v : joint.idx_v + joint.nv] = (
-                    base + [(noise.attitude, noise.rate)] * turning
+                    base + [(noise.attitude, noise.rate)] * rotation_count
                 )
         hidden = np.setdiff1d(np.arange(model.nv), self.measured_places)
         deviations[hidden] = 0.0

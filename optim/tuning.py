@@ -202,18 +202,18 @@ def _refined(
         if outcome.interrupted or not np.isfinite(best.objective):
             break
         try:
-            doubt = problem.step_doubt(np.array(best.u))
+            gradient_warning = problem.step_warning(np.array(best.u))
         except KeyboardInterrupt:
             stopped = dataclasses.replace(best, status="interrupted")
             return problem, dataclasses.replace(outcome, runs=(stopped,))
-        if not doubt:
+        if not gradient_warning:
             break
         problem = problem.refined
         session = SearchSession(None, problem.workers, progress)
         (run,) = run_method(problem, "nlp_ga", effort, first=np.array(best.u), session=session).runs
         step = problem.rollout.grid.step_s
-        doubt = doubt.removeprefix("inaccurate: step: ")
-        message = f"{run.message}; tuned again with a step of {step:.3g} s, because {doubt}"
+        gradient_warning = gradient_warning.removeprefix("inaccurate: step: ")
+        message = f"{run.message}; tuned again with a step of {step:.3g} s, because {gradient_warning}"
         run = dataclasses.replace(run, method=best.method, cost=best.cost + run.cost, message=message)
         outcome = dataclasses.replace(outcome, runs=(run,))
     return problem, outcome

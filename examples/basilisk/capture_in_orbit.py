@@ -88,7 +88,7 @@ def flight_software(scene):
 def main(duration_s=29.0, step_s=0.1, folder="out/examples/basilisk"):
     """Simulate the capture, print what both sides say, draw it."""
     craft = spacecraft.Spacecraft()
-    modules, kept = environment(craft)
+    modules, subscriptions = environment(craft)
     scenario = sr.load_scene("capture", {"robots.servicer.actuators": {"wheels": WHEELS}})
     scene = sr.make_basilisk_scene(scenario, spacecraft=craft, period=step_s)
     software, states = flight_software(scene), scene.scStateOutMsg.recorder()
@@ -119,7 +119,7 @@ def main(duration_s=29.0, step_s=0.1, folder="out/examples/basilisk"):
     print(f"wheels {speeds} rad/s")
     sr.figures(result, Path(folder), names=["tip_errors"], formats=["png"])
     sr.animate(result, Path(folder) / "capture.html")
-    del kept  # Basilisk does not keep its messages
+    del subscriptions  # Basilisk does not keep its messages
     return result
 
 

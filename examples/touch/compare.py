@@ -89,11 +89,11 @@ def main(samples: int = 16) -> None:
     print(
         f"{samples} draws; {rejected} others, within {1e3 * CLEARANCE:g} mm of a hand at first, are rejected"
     )
-    peaks, times, taken = {}, {}, {}
+    peaks, times, seconds = {}, {}, {}
     for name, changes in HANDS.items():
         begun = time.process_time()
         data = sr.batch(sr.load_scene("touch", changes), ["contact_force_peak", "capture_time"], values).data
-        taken[name] = time.process_time() - begun
+        seconds[name] = time.process_time() - begun
         peaks[name] = np.array(data.contact_force_peak).reshape(samples, -1).max(axis=1)
         times[name] = np.array(data.capture_time).reshape(samples, -1).max(axis=1)
     common = np.all([np.isfinite(value) for value in times.values()], axis=0)
@@ -116,7 +116,7 @@ def main(samples: int = 16) -> None:
             f"{np.nanmax(peak):.1f}",
             f"{np.median(times[name][common]):.1f}",
             f"{np.nanmax(times[name]):.1f}",
-            f"{taken[name]:.0f}",
+            f"{seconds[name]:.0f}",
         ]
         print("| " + " | ".join(map(str, cells)) + " |")
     print(f"\nload over 15 min at the end: {os.getloadavg()[2]:.1f}")

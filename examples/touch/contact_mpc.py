@@ -206,13 +206,13 @@ class ContactChoices:
         """
         config, generator = self.scheme.config, np.random.default_rng(update)
         count, hands = config.candidates, len(self._hands)
-        drawn = generator.random((count, hands, 3))
-        drawn[count // 2 :, 1:] = drawn[count // 2 :, :1]  # of one half the hands move together
+        uniforms = generator.random((count, hands, 3))
+        uniforms[count // 2 :, 1:] = uniforms[count // 2 :, :1]  # of one half the hands move together
         approaches = np.empty((len(depths), count, hands, len(APPROACH)))
-        approaches[..., 0] = now + config.horizon / 2 * np.maximum(0.0, 2 * drawn[..., 0] - 1)
-        approaches[..., 1] = 0.4 * (config.slowest / 0.4) ** drawn[..., 1]
+        approaches[..., 0] = now + config.horizon / 2 * np.maximum(0.0, 2 * uniforms[..., 0] - 1)
+        approaches[..., 1] = 0.4 * (config.slowest / 0.4) ** uniforms[..., 1]
         approaches[..., 2] = depths[:, None, :]
-        approaches[..., 3] = config.depth * np.clip(1.4 * drawn[..., 2] - 0.2, 0, 1)
+        approaches[..., 3] = config.depth * np.clip(1.4 * uniforms[..., 2] - 0.2, 0, 1)
         approaches[:, 1, :, 3] = depths  # stay
         return approaches
 

@@ -161,7 +161,7 @@ def tables_of(benchmark: Data, precisions: list[float], *, narrow: bool = False)
     ]
 
 
-def doubts(benchmark: Data) -> list[str]:
+def caveats(benchmark: Data) -> list[str]:
     """Warn of each best design whose ledger is open, or whose contacts are too deep."""
     sentences = []
     for name, method in benchmark["methods"].items():
@@ -222,7 +222,7 @@ def markdown(data: Data) -> str:
     """A comparison as a document: the conclusion, then tables."""
     parts = [f"**{data['conclusion']}**", summary_table(data).markdown()]
     for benchmark in data["problems"]:
-        parts += [f"## {heading(benchmark)}", prices(benchmark), *doubts(benchmark)]
+        parts += [f"## {heading(benchmark)}", prices(benchmark), *caveats(benchmark)]
         tables = tables_of(benchmark, data["precisions"])
         tables.insert(1, success_table(benchmark, data["precisions"]))
         parts += [f"{table.title}:\n\n{table.markdown()}" for table in tables]

@@ -114,7 +114,7 @@ def with_variables(
         if variables is None:
             return scene, None
         tuning = tuning_of(scene)
-        names = [name for given in variables for name in tuning.sets.get(given, (given,))]
+        names = [name for name_or_set in variables for name in tuning.sets.get(name_or_set, (name_or_set,))]
         for name in names:
             _known(name, tuning.variables, "variable", scene)
         return scene, names

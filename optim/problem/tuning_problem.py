@@ -87,7 +87,7 @@ class TuningProblem(Formulation, OptimisationProblem):
         rollout = replace(self.rollout, grid=self.rollout.grid.halved)
         return replace(self, rollout=rollout, recipe=replace(self.recipe, halvings=self.recipe.halvings + 1))
 
-    def step_doubt(self, u: Array) -> str:
+    def step_warning(self, u: Array) -> str:
         """Reason why derivatives at a point u (k,) are inaccurate: half the step changes them. Else empty.
 
         Derivatives are those by the unit cube, of all that a descent uses.

@@ -102,8 +102,8 @@ def search_design_points(state: LimitState, rng: np.random.Generator) -> DesignP
     while quiet < QUIET and starts < MOST_STARTS:
         direction = rng.standard_normal((ROUND, k))
         direction /= np.linalg.norm(direction, axis=1)[:, None]
-        drawn = direction * rng.uniform(0, RADIUS, (ROUND, 1))
-        ends = converge(state, np.vstack([drawn, extra]), points)
+        starting_points = direction * rng.uniform(0, RADIUS, (ROUND, 1))
+        ends = converge(state, np.vstack([starting_points, extra]), points)
         size = len(points)
         for number, end in enumerate(ends):
             if number < ROUND:

@@ -112,7 +112,7 @@ class CampaignResult(Study):
         """Warnings about missing samples and about the reliability of the numbers."""
         from optim.campaign.analysis.sentences import unfinished
 
-        return [text for text in (unfinished(self.summary), *self.summary["doubts"]) if text]
+        return [text for text in (unfinished(self.summary), *self.summary["caveats"]) if text]
 
     def playback(self, progress: Progress) -> Playback:
         """Animation of the worst samples, which are simulated, with the spread of the metrics."""
@@ -336,9 +336,9 @@ class ComparisonResult(Study):
 
     def notices(self) -> Sequence[str]:
         """Warnings about best designs that are not trustworthy."""
-        from optim.comparison.tables import doubts
+        from optim.comparison.tables import caveats
 
-        return [doubt for benchmark in self.summary["problems"] for doubt in doubts(benchmark)]
+        return [warning_text for benchmark in self.summary["problems"] for warning_text in caveats(benchmark)]
 
     def playback(self, progress: Progress) -> Playback:
         """Animation of the methods' best designs, side by side."""

@@ -36,7 +36,7 @@ class TipGuidance:
         tip: The tip.
         context, plant, start: Time and the scenario's numbers, mechanics at present and at the initial state.
         target: The target, None if there is no target.
-        shown: Function from signal and value (3x1) to the reading of the robot's sensor; None without
+        reading_of: Function from signal and value (3x1) to the reading of the robot's sensor; None without
             sensors.
         measure: Function from signal, name and observation to the sampled measurement; None for a continuous
             sensor.
@@ -55,7 +55,7 @@ class TipGuidance:
     plant: Plant
     start: InitialState
     target: SceneBody | None
-    shown: Callable[[str, ca.SX], ca.SX | None]
+    reading_of: Callable[[str, ca.SX], ca.SX | None]
     measure: Callable[[str, str, Observation], Measurement | None]
     is_exact: Callable[[str], bool]
     estimators: Contribution = field(default_factory=Contribution)
@@ -119,7 +119,7 @@ class TipGuidance:
             tip=self.tip.frame,
             links=frames,
             target=() if target is None or not target.root_joint else target.subtree,
-            shown=self.shown,
+            reading_of=self.reading_of,
             estimates=dict(self.estimators.estimates),
             held=functools.partial(self._measured_last, context.path),
         )
@@ -159,7 +159,7 @@ class TipGuidance:
         """Expression at the initial state, at which every sensor measures."""
         del name
         for held in self.held.values():
-            value = ca.substitute(value, held.value.symbol, held.shown)
+            value = ca.substitute(value, held.value.symbol, held.reading)
         value = self._first_estimates(value)
         return self.plant.at_start(value, self.start, self.context.constants)
 

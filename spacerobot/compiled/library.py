@@ -150,9 +150,9 @@ def compile_functions(
     serialized = (f"{name}\0{function.serialize()}" for name, function in functions.items())
     parts = [*serialized, str(lanes), *sorted(cold), tail, *toolchain.identity]
     content = hashlib.sha256("\0".join(parts).encode()).hexdigest()
-    known = _loaded(cache.cache_folder(), _keys[content]) if content in _keys else None
-    if known is not None:
-        path, handle = known
+    loaded = _loaded(cache.cache_folder(), _keys[content]) if content in _keys else None
+    if loaded is not None:
+        path, handle = loaded
         return Library(dict(functions), lanes, toolchain, path, True, time.perf_counter() - begin, handle)
     vector_symbols = toolchain.vector_symbols if lanes == toolchain.lanes else {}
     units = source_units(functions, lanes=lanes, cold=cold, tail=tail, vector_symbols=vector_symbols)

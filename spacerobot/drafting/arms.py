@@ -108,11 +108,11 @@ def scene_of(document: Document, source: Path) -> Scene:
     return build_scene(validate(document, source=source), source=source, expand_xacro=True)
 
 
-def as_name(text: str, taken: Sequence[str] = ()) -> str:
-    """Valid name in a scenario made from a text, different from the names in ``taken``."""
+def as_name(text: str, used_names: Sequence[str] = ()) -> str:
+    """Valid name in a scenario made from a text, different from the names in ``used_names``."""
     name = (re.sub(r"[^\w-]", "_", text, flags=re.ASCII).lstrip("0123456789-") or "robot")[:60]
-    taken = (*taken, "target")
-    return next(n for n in (name, *(f"{name}_{i}" for i in range(2, 99))) if n not in taken)
+    used_names = (*used_names, "target")
+    return next(n for n in (name, *(f"{name}_{i}" for i in range(2, 99))) if n not in used_names)
 
 
 def ends(description: Description) -> list[str]:

@@ -65,13 +65,13 @@ def read_mounts(texts: Sequence[str], folder: Path) -> list[DraftMount]:
         if len(values) not in (0, 3, 6) or not np.isfinite(values).all() or not (urdf if named else name):
             raise ScenarioError(f"found {text!r}, allowed: {FORM}, [m] and [deg]", where="--mount")
         path, description = read(urdf if named else name, folder)
-        taken = [mount.name for mount in mounts]
-        if named and (name in taken or as_name(name) != name):
+        mount_names = [mount.name for mount in mounts]
+        if named and (name in mount_names or as_name(name) != name):
             raise ScenarioError(
                 f"found {name!r}, allowed: a name of letters and digits that no other mount has",
                 where="--mount",
             )
-        prefix = name if named else as_name(description.path.stem, taken)
+        prefix = name if named else as_name(description.path.stem, mount_names)
         x, y, z, roll, pitch, yaw = [*values, *[0.0] * (6 - len(values))]
         mounts.append(DraftMount(prefix, path, description, (x, y, z), (roll, pitch, yaw)))
     if not mounts:

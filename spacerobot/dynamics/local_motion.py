@@ -159,14 +159,14 @@ def _step(joint: JointModel, parent: LocalMotion, q: ca.SX, v: ca.SX, bends: boo
 
 
 @recorded((3, 3), (3, 1), (3, 1), (3, 1), (3, 1), (3, 3), (3, 1), (3, 1), (3, 1))
-def _motion(to_parent: ca.SX, *given: ca.SX, carried: bool) -> tuple[ca.SX, ...]:
+def _motion(to_parent: ca.SX, *joint_motion: ca.SX, carried: bool) -> tuple[ca.SX, ...]:
     """Velocity, spin, both biases, products and gradient of a joint frame, from its parent's motion.
 
     With the parent's spin w, gradient G and bias a, b, and the joint's own velocity s and spin t, the biases
     are ``a + G arm + (w + w') x s`` (linear) and ``b + w x t`` (angular). The columns of ``linear`` rotate
     with w' = w + t if ``carried`` (planar and free-flyer joints), else with w' = w.
     """
-    velocity, spin, velocity_bias, spin_bias, gradient, arm, sliding, turning = given
+    velocity, spin, velocity_bias, spin_bias, gradient, arm, sliding, turning = joint_motion
     inward = to_parent.T
     carrier = ca.mtimes(inward, spin)
     total_spin = carrier + turning

@@ -117,7 +117,7 @@ def functions_source(software: OnboardSoftware, precision: Precision) -> str:
         body = body.replace("casadi_inf", "INFINITY").replace("casadi_nan", "NAN")
         for name in IN_C99:
             body = body.replace(f"casadi_{name}(", f"{name}(")
-        body = _DECLARATION.sub(lambda found: _declared(found[1]), body)
+        body = _DECLARATION.sub(lambda match: _declared(match[1]), body)
         body = _CHOICE.sub(rf"((\1 != 0.0{suffix}) ? \2 : 0.0{suffix})", body)
         body = _TRUTH.sub(rf"\1((\2) ? 1.0{suffix} : 0.0{suffix});", body)
         body = body.replace("casadi_real", real)

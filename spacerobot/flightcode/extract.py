@@ -154,13 +154,13 @@ class _Extraction:
         phases = {state.name for state in self.builder.phase_states.values()}
         return self._builder_names[0] | phases | written_states | set(self._ports)
 
-    def _moving(self, event: Event, own: set[str]) -> list[str]:
+    def _moving(self, event: Event, names: set[str]) -> list[str]:
         """Names of plant signals that an event's states integrate, or its test reads, between instants."""
         expressions = [self.states[name].derivative for name in event.updates if name in self.states]
         if not any(name.endswith(".count") for name in event.updates):
             expressions.append(event.guard)
-        plant = self.builder.plant
-        truths = [plant.q, plant.v, *(state.symbol for name, state in self.states.items() if name not in own)]
+        others = (state.symbol for key, state in self.states.items() if key not in names)
+        truths = [self.builder.plant.q, self.builder.plant.v, *others]
         moving = {symbol.element_hash() for truth in truths for symbol in ca.vertsplit(truth)}
         symbols = ca.symvar(ca.veccat(*expressions))
         return [symbol.name() for symbol in symbols if symbol.element_hash() in moving]

@@ -375,10 +375,10 @@ def fly(scene: Scene, rollout: Rollout, grid: TimeGrid, controller: OnboardContr
         rollouts=1,
     )
     flight = ControlledFlight.of(loop, resumed_rollout, controller)
-    flown = flight.advance(
+    step_result = flight.advance(
         grid.duration_s, grid.step_s * (1 + ROUNDING), grid.step_s * grid.every * (1 + ROUNDING)
     )
-    return dataclasses.replace(flown, backend=rollout.backend)
+    return dataclasses.replace(step_result, backend=rollout.backend)
 
 
 @dataclass

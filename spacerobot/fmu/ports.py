@@ -59,9 +59,9 @@ class PlantPorts:
 
     Attributes:
         parameters, inputs, outputs: Real variables.
-        switches, counts, whole: Integers: switches, 0 or 1; number of times each event fired; outputs with
-            integer values.
-        signals: (t, x, c) -> (y), in which ``outputs`` and ``whole`` have their indices.
+        switches, counts: Integers: switches, 0 or 1; number of times each event fired.
+        integer_outputs: Outputs with integer values.
+        signals: (t, x, c) -> (y), in which ``outputs`` and ``integer_outputs`` have their indices.
     """
 
     parameters: tuple[PlantVariable, ...]
@@ -69,13 +69,13 @@ class PlantPorts:
     outputs: tuple[PlantVariable, ...]
     switches: tuple[PlantVariable, ...]
     counts: tuple[PlantVariable, ...]
-    whole: tuple[PlantVariable, ...]
+    integer_outputs: tuple[PlantVariable, ...]
     signals: ca.Function
 
     @property
     def integers(self) -> tuple[PlantVariable, ...]:
         """All integer variables."""
-        return (*self.switches, *self.counts, *self.whole)
+        return (*self.switches, *self.counts, *self.integer_outputs)
 
 
 def find_ports(scene: Scene, loop: ClosedLoop, commands: Sequence[CommandInput] = ()) -> PlantPorts:
@@ -110,7 +110,7 @@ def find_ports(scene: Scene, loop: ClosedLoop, commands: Sequence[CommandInput] 
         outputs=tuple(_with_units(scene, outputs)),
         switches=tuple(switches),
         counts=tuple(counts),
-        whole=tuple(integers),
+        integer_outputs=tuple(integers),
         signals=signals,
     )
     names = [v.name for v in (*ports.parameters, *ports.inputs, *ports.outputs, *ports.integers)]

@@ -201,9 +201,9 @@ class SceneTask:
 
         Exact zeros are structural unless they are named. Draws of controllers that were removed are left out.
         """
-        drawn = () if self._space is None else self._space.paths
+        varied_paths = () if self._space is None else self._space.paths
         loop = cached_closed_loop(self.scene, acted)
-        zeros = [path for path in drawn if path not in loop.parameter_paths]
+        zeros = [path for path in varied_paths if path not in loop.parameter_paths]
         while zeros:
             try:
                 loop = cached_closed_loop(self.scene, [*acted, *zeros])
@@ -213,8 +213,8 @@ class SceneTask:
                     raise
                 zeros.remove(fault.where)
         places = {path: i for i, path in enumerate(loop.parameter_paths)}
-        self._columns = [i for i, path in enumerate(drawn) if path in places]
-        self.drawn = [places[drawn[i]] for i in self._columns]
+        self._columns = [i for i, path in enumerate(varied_paths) if path in places]
+        self.drawn = [places[varied_paths[i]] for i in self._columns]
         return loop
 
     def _output(self, loop: ClosedLoop, name: str, option: str) -> OutputPart:

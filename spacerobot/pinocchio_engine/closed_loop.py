@@ -33,13 +33,13 @@ class EvaluatedInstant:
 
     Attributes:
         state: Mechanical state.
-        given: Arguments of the compiled laws: t, (q, v, z), c and inputs.
+        arguments: Arguments of the compiled laws: t, (q, v, z), c and inputs.
         solved: Unknowns (n,) of the forward dynamics; NaN where not requested.
         acceleration: v' (nv,), the last entries of ``solved``.
     """
 
     state: MechanicalState
-    given: tuple[float, Array, Array, Array]
+    arguments: tuple[float, Array, Array, Array]
     solved: Array
     acceleration: Array
 
@@ -216,18 +216,18 @@ class PinocchioLoop:
         """
         now = self.instant(t, x, within)
         q, v, _ = self.split(x)
-        rates = self._rates(*now.given, now.solved)[0]
+        rates = self._rates(*now.arguments, now.solved)[0]
         return np.concatenate([configuration_rate(self._places, q, v), now.acceleration, rates])
 
     def outputs(self, t: float, x: Array, within: float | None = None) -> dict[str, Array]:
         """Outputs by name, as column vectors; arguments and errors as for :meth:`derivative`."""
         now = self.instant(t, x, within)
-        return dict(zip(self._output_names, self._outputs(*now.given, now.solved), strict=True))
+        return dict(zip(self._output_names, self._outputs(*now.arguments, now.solved), strict=True))
 
     def guards(self, t: float, x: Array, within: float) -> Array:
         """Guards of all events (ne,), armed or not."""
         now = self.instant(t, x, within, solved=self._guards_see_forces)
-        return self._guards(*now.given, now.solved)[0]
+        return self._guards(*now.arguments, now.solved)[0]
 
     @property
     def armed(self) -> list[int]:
@@ -259,20 +259,20 @@ class PinocchioLoop:
         now = self.instant(t, x, within)
         impact = np.zeros(self._unknowns.impact.size1())
         if self._impacts[number]:
-            conditions = self._conditions(now.state, now.given)
+            conditions = self._conditions(now.state, now.arguments)
             impact = conditions.strike(self._reactions)
         # outputs of laws that are evaluated at instants; zero for those that another event evaluates
         jumps = [np.zeros(output.size1()) for output in self._unknowns.sampled]
         for place, (name, loads) in enumerate(self._unknowns.laws.items()):
             if name == event.name:
-                values = self._laws[name].matrices(*now.given, now.solved)
+                values = self._laws[name].matrices(*now.arguments, now.solved)
                 impulses = dict(zip(loads, values, strict=True))
-                conditions = self._conditions(now.state, now.given)
+                conditions = self._conditions(now.state, now.arguments)
                 conditions = DynamicsConditions(now.state, {**conditions.loads, **impulses})
                 outputs = conditions.solve(impulses["effort"][:, 0], outputs=True)[0]
                 jumps[place] = self._unknowns.instants[place].of(outputs)
         sampled = np.concatenate([np.empty(0), *jumps])
-        after = self._update(*now.given, now.solved, impact, sampled, number)[0]
+        after = self._update(*now.arguments, now.solved, impact, sampled, number)[0]
         self._kept.clear()
         return after
 

@@ -77,13 +77,15 @@ class Result(Tabular):
         if self.completed:
             return
         status, step = self.summary["status"], self.summary["engine"]["step_s"]
-        kept = f"; kept up to there in {self.folder}" if self.folder is not None else ""
+        folder_note = f"; kept up to there in {self.folder}" if self.folder is not None else ""
         when = f"after {status['diverged_at_s']:.6g} s{cause_words(status)}"
         if status["state"] == "chattering":
-            raise DivergedError(f"the rollout chattered {when}: too many events in too short a time{kept}")
+            raise DivergedError(
+                f"the rollout chattered {when}: too many events in too short a time{folder_note}"
+            )
         hint = f"the step of {step:g} s may be too large (leave it out to have one chosen)" if step else ""
         hints = "".join(f"; {words}" for words in (hint, fast_words(self.summary["fastest_joint"])) if words)
-        raise DivergedError(f"the rollout diverged {when}{hints}{kept}")
+        raise DivergedError(f"the rollout diverged {when}{hints}{folder_note}")
 
     def array(self, name: str) -> Array:
         """Values of a variable, or labels of a dimension, ten times faster than ``data[name].values``."""

@@ -146,8 +146,8 @@ def status_text(status: Mapping[str, Any]) -> str:
     else:
         verb = "chattered" if status["state"] == "chattering" else "diverged"
         text = f"{verb} after {status['diverged_at_s']:.6g} s{cause_words(status)}"
-    doubt = open_words(status)
-    return f"{text}, {doubt}" if doubt else text
+    open_balances = open_words(status)
+    return f"{text}, {open_balances}" if open_balances else text
 
 
 def cause_words(status: Mapping[str, Any]) -> str:

@@ -100,15 +100,17 @@ class Scenario(Section):
         if "target" in self.robots:
             raise ValueError("robots.target: `target` is the held object's name; rename the robot")
         tips = [f"{robot}/{tip}" for robot, r in self.robots.items() for tip in r.tips]
-        taken: dict[str, str] = {}
+        grasp_by_tip: dict[str, str] = {}
         for name, grasp in self.grasps.items():
             if self.target is None:
                 raise ValueError(f"grasps.{name}: there is no target to hold")
             if grasp.tip not in tips:
                 raise ValueError(f"grasps.{name}.tip: no tip {grasp.tip!r}; {near_names(grasp.tip, tips)}")
-            if grasp.tip in taken:
-                raise ValueError(f"grasps.{name}.tip: {grasp.tip!r} already holds grasp {taken[grasp.tip]!r}")
-            taken[grasp.tip] = name
+            if grasp.tip in grasp_by_tip:
+                raise ValueError(
+                    f"grasps.{name}.tip: {grasp.tip!r} already holds grasp {grasp_by_tip[grasp.tip]!r}"
+                )
+            grasp_by_tip[grasp.tip] = name
         bodies: list[tuple[str, Base]] = [
             (f"robots.{name}", robot.base) for name, robot in self.robots.items()
         ]

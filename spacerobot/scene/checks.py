@@ -87,13 +87,15 @@ def resolved_bodies(config: Robot | Target, description: Description) -> list[Ri
     return welded_bodies(resolved_links, description.joints, description.root)
 
 
-def _with_masses(link: UrdfLink, given: Any) -> UrdfLink:
+def _with_masses(link: UrdfLink, mass_properties: Any) -> UrdfLink:
     """Link with the mass properties of the resolved scenario."""
-    if given is None:
+    if mass_properties is None:
         return link
-    ixx, iyy, izz, ixy, ixz, iyz = given.inertia
+    ixx, iyy, izz, ixy, ixz, iyz = mass_properties.inertia
     inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    return dataclasses.replace(link, mass=given.mass, com=np.array(given.com), inertia=inertia)
+    return dataclasses.replace(
+        link, mass=mass_properties.mass, com=np.array(mass_properties.com), inertia=inertia
+    )
 
 
 def check_motion(model: Any, *, source: Path | None) -> None:
@@ -296,15 +298,16 @@ def check_elements(scene: Scene) -> None:
                 where=path,
             )
         # two estimators of one signal, and an estimator without measurements
-        made: dict[str, str] = {}
+        estimator_by_signal: dict[str, str] = {}
         estimators = body.config.estimators if isinstance(body.config, Robot) else {}
         for key, estimator in estimators.items():
             where = f"{body.path}.estimators.{key}"
             for signal in estimator.makes:
-                if signal in made:
-                    problem = f"estimates {signal}, which estimator {made[signal]!r} does too; leave one of "
-                    raise ScenarioError(f"{problem}them out", source=scene.source, where=where)
-                made[signal] = key
+                if signal in estimator_by_signal:
+                    other = estimator_by_signal[signal]
+                    problem = f"estimates {signal}, which estimator {other!r} does too; leave one of them out"
+                    raise ScenarioError(problem, source=scene.source, where=where)
+                estimator_by_signal[signal] = key
             frames = estimator.frames()
             if frames is None:
                 continue

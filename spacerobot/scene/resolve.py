@@ -338,16 +338,18 @@ def fill(document: Document, descriptions: Mapping[str, Description], *, source:
 
 
 def _by_name(
-    given: Document, names: Sequence[str], where: str, noun: str, source: Path | None
+    sections_by_pattern: Document, names: Sequence[str], where: str, noun: str, source: Path | None
 ) -> dict[str, Document]:
     """Sections by name with patterns expanded: later patterns win, and full names always win."""
     sections: dict[str, Document] = {}
-    for pattern in sorted(given, key=lambda name: "*" not in name):  # stable: full names last
+    for pattern in sorted(sections_by_pattern, key=lambda name: "*" not in name):  # stable: full names last
         matched = matching(names, pattern) if "*" in pattern else [name for name in names if name == pattern]
         if not matched:
             hint = near_names(pattern, names)
             raise ScenarioError(f"no {noun} {pattern!r} in the URDF; {hint}", source=source, where=where)
-        section = {key: value for key, value in (given[pattern] or {}).items() if value is not None}
+        section = {
+            key: value for key, value in (sections_by_pattern[pattern] or {}).items() if value is not None
+        }
         for name in matched:
             sections[name] = sections.get(name, {}) | section
     return sections

@@ -280,8 +280,8 @@ class _Reach:
     @functools.cached_property
     def _free(self) -> list[ca.SX]:
         """Symbols that the expressions of V depend on."""
-        made = (term.made_of() for term in self.terms)
-        return ca.symvar(ca.vertcat(self.centre, *made, self.ball, self.crown))
+        term_symbols = (term.made_of() for term in self.terms)
+        return ca.symvar(ca.vertcat(self.centre, *term_symbols, self.ball, self.crown))
 
     @functools.cached_property
     def _stepping(self) -> ca.Function:

@@ -288,7 +288,11 @@ def _flyable(scene: Scene) -> Scene:
 
 
 def _updated(
-    updated: UpdatedScene, loop: ClosedLoop, backend: Backend, tell: Progress, flown: OnboardController | None
+    updated: UpdatedScene,
+    loop: ClosedLoop,
+    backend: Backend,
+    tell: Progress,
+    onboard: OnboardController | None,
 ) -> _Run:
     """Run of a simulation whose controllers are updated in Python between segments of the rollout."""
     scene, simulation = updated.original, updated.scene.scenario.simulation
@@ -299,10 +303,10 @@ def _updated(
     ready = time.perf_counter()
     if simulation.engine == "pinocchio":
         plant: SinglePlant = CheckedPlant(loop, rollout, updated.scene)
-    elif flown is not None:
+    elif onboard is not None:
         from spacerobot.flightcode.flight import ControlledPlant
 
-        plant = ControlledPlant(loop, rollout, simulation.output_step, flown)
+        plant = ControlledPlant(loop, rollout, simulation.output_step, onboard)
     else:
         plant = SinglePlant(loop, rollout, simulation.output_step)
     updates = [scheme.start(plant, 1, backend, tell) for scheme in updated.schemes]

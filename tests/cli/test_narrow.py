@@ -130,7 +130,7 @@ CAMPAIGN = {
     "design": "sobol",
     "confidence": 0.95,
     "intervals": True,
-    "doubts": [],
+    "caveats": [],
     "parameters": ["object_mass", "object_inertia"],
     "against": [
         {"first": "scenario", "second": LONG, "fails_alone": {"scenario": 3, LONG: 4}},

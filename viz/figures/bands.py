@@ -33,7 +33,14 @@ def bands(signal: QuantileBands) -> Drawing:
         t, colour = signal.time, COLOURS[0]
         least, low, median, high, greatest, curve = (
             factor * part[:, i]
-            for part in (signal.least, signal.low, signal.median, signal.high, signal.greatest, signal.shown)
+            for part in (
+                signal.least,
+                signal.low,
+                signal.median,
+                signal.high,
+                signal.greatest,
+                signal.sample_values,
+            )
         )
         panel.fill_between(t, least, greatest, color=colour, alpha=0.14, linewidth=0, label="all samples")
         panel.fill_between(t, low, high, color=colour, alpha=0.38, linewidth=0, label="5 to 95 % of them")

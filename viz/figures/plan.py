@@ -41,12 +41,12 @@ FLOWN: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1
 
 
 @styled
-def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
+def plan_joints(plan: xr.Dataset, simulation: Result | None = None) -> Drawing:
     """Joint positions, rates and torques of each robot, with limits; active ones are marked.
 
     Args:
         plan: What stands in ``plan.nc``.
-        flown: Result of its scenario, drawn dotted over the plan.
+        simulation: Result of its scenario, drawn dotted over the plan.
     """
     labels = [str(joint) for joint in plan.joint.values]
     robots = list(dict.fromkeys(label.partition("/")[0] for label in labels))
@@ -61,12 +61,12 @@ def plan_joints(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
                 time, values = plan.time.values, joint_plan[name].values * scale
                 panel.plot(time, values, linewidth=1.1, label=joint.partition("/")[2], **_look(k))
                 _held(panel, time, values, joint_plan[f"{name}_limit"].values * scale)
-            if flown is not None:
+            if simulation is not None:
                 # the simulated motion until the plan's end, dotted
-                data = flown.data.sel(time=slice(0.0, float(plan.time.values[-1])))
+                data = simulation.data.sel(time=slice(0.0, float(plan.time.values[-1])))
                 if not {str(label) for label in data.joint.values}.issuperset(mine):
                     message = "was not flown by this plan: its joints are others"
-                    raise ResultError(message, source=flown.folder)
+                    raise ResultError(message, source=simulation.folder)
                 key = "joint_torque" if name == "torque" else "joint_position"
                 for joint in mine:
                     values = data[key].sel(joint=joint).values * scale

@@ -61,9 +61,9 @@ def joined(entry: str, read: Callable[[str], str]) -> str:
             exports += [": ".join(reversed(name.split(" as "))) for name in _names(names)]
         body = LISTED.sub("", DECLARED.sub("", COMMENT.sub("", text)))
         body = IMPORT.sub(
-            lambda found: (
-                f"const {{ {', '.join(name.replace(' as ', ': ') for name in _names(found[1]))} }}"
-                f" = {_constant(_resolved(path, found[2]))};\n"
+            lambda match: (
+                f"const {{ {', '.join(name.replace(' as ', ': ') for name in _names(match[1]))} }}"
+                f" = {_constant(_resolved(path, match[2]))};\n"
             ),
             body,
         )

@@ -25,7 +25,7 @@ class LiveViewer(Loopback):
     """
 
     def __init__(self, port: int = FIRST_PORT) -> None:
-        self._shown = self._told = ""
+        self._shown = self._message = ""
         self._connected = threading.Event()
         super().__init__(port)
 
@@ -62,7 +62,7 @@ class LiveViewer(Loopback):
 
     def admit(self, stream: Stream) -> None:
         """Send a new page the present content and message."""
-        for text in filter(None, (self._shown, self._told)):
+        for text in filter(None, (self._shown, self._message)):
             stream.send(text)
         super().admit(stream)
         self._connected.set()
@@ -74,9 +74,9 @@ class LiveViewer(Loopback):
     def _broadcast(self, text: str, shows: bool) -> None:
         """Send a message to every page, and store it for pages that open later."""
         if shows:
-            self._shown, self._told = text, ""
+            self._shown, self._message = text, ""
         else:
-            self._told = text
+            self._message = text
         for stream in list(self._streams):
             stream.send(text)
 

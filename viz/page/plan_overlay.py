@@ -23,20 +23,20 @@ LONG = 0.1
 """Length of a cone, as a fraction of the scene's size."""
 
 
-def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, Any]:
+def beside_its_plan(simulation: Result, scene: Scene, plan: xr.Dataset) -> dict[str, Any]:
     """Data of a page that plays a result together with the plan that it follows, drawn pale.
 
     Args:
-        flown: The result.
+        simulation: The result.
         scene: Scene of the plan, with its plan section.
         plan: Content of ``plan.nc``.
 
     Raises:
         ResultError: If the result has other bodies or joints.
     """
-    if flown.data.q.shape[1] != plan.q.shape[1]:
-        raise ResultError("was not flown by this plan: its bodies are others", source=flown.folder)
-    data = animation(flown, title=f"{flown.scenario.name}: the plan, followed")
+    if simulation.data.q.shape[1] != plan.q.shape[1]:
+        raise ResultError("was not flown by this plan: its bodies are others", source=simulation.folder)
+    data = animation(simulation, title=f"{simulation.scenario.name}: the plan, followed")
     (run,) = data["runs"]
     # The plan's motion in frames; between its points configurations are splined.
     end = float(plan.time.values[-1])
@@ -50,7 +50,7 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     if run["target"] is not None and scene.target is not None:
         bases = [(node.body, node.is_base) for node in motion.nodes]
         target = packed(motion.position[:, bases.index((scene.target.name, True))])
-    # planned curves of the quantities that are flown and planned
+    # planned curves of the quantities that are simulated and planned
     plotted_quantities = {"joint angle": ("joint_position", 180 / np.pi), "joint torque": ("torque", 1.0)}
     labels, curves = [str(joint) for joint in plan.joint.values], []
     for quantity in run["quantities"]:
@@ -77,7 +77,7 @@ def beside_its_plan(flown: Result, scene: Scene, plan: xr.Dataset) -> dict[str, 
     marked = _marks(scene, LONG * float(data["scale"]))
     nodes = [
         node | {"solids": [*node["solids"], *marked.get(scene_node.joint, ())]}
-        for node, scene_node in zip(run["nodes"], scene_nodes(flown.scene()), strict=True)
+        for node, scene_node in zip(run["nodes"], scene_nodes(simulation.scene()), strict=True)
     ]
     return data | {"runs": [run | {"nodes": nodes}, ghost], "over": True}
 

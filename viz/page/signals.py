@@ -126,11 +126,11 @@ def quantities(result: Result) -> list[PlottedQuantity]:
     return list(by_title.values())
 
 
-def chart_rows(result: Result, shown: Iterable[PlottedQuantity]) -> Rows:
+def chart_rows(result: Result, quantities: Iterable[PlottedQuantity]) -> Rows:
     """Rows for a chart: evenly spaced ones, and those of each signal's minimum and maximum."""
     time = result.array("time")
     rows = [pick_rows(time, rate_hz=1e9, most=MOST_SAMPLES)]
-    for signal in (signal for quantity in shown for signal in quantity.signals):
+    for signal in (signal for quantity in quantities for signal in quantity.signals):
         finite = np.isfinite(signal.values)
         if finite.any():
             least = np.where(finite, signal.values, np.inf).argmin()

@@ -71,15 +71,15 @@ class CampaignReport:
     faults: Mapping[str, str] = field(default_factory=dict)
 
 
-def campaign_report(shown: CampaignReport) -> str:
+def campaign_report(campaign: CampaignReport) -> str:
     """HTML of a campaign's report; the worst samples of the first sets of gains are animated."""
-    summary = shown.summary
+    summary = campaign.summary
     written = {
         "campaign": ("In short", _in_short(summary)),
-        "spread": ("How the numbers spread", _spread(shown)),
+        "spread": ("How the numbers spread", _spread(campaign)),
         "matters": ("What matters", _matters(summary)),
-        "series": ("Signals over time", _series(shown)),
-        "worst": ("Worst samples", _worst(shown)),
+        "series": ("Signals over time", _series(campaign)),
+        "worst": ("Worst samples", _worst(campaign)),
         "design": ("Design of the campaign", _design(summary)),
     }
     title = f"Campaign of {summary['name']}: {summary['samples']} samples"
@@ -90,13 +90,13 @@ def campaign_report(shown: CampaignReport) -> str:
     sections_written = [
         (section(name, heading, text), text) for name, (heading, text) in written.items() if text
     ]
-    results = [replace(result, folder=None) for result in shown.worst.values()]
+    results = [replace(result, folder=None) for result in campaign.worst.values()]
     if not results:
         return page(title, sections_written)
     size_px = (900, 540) if len(results) == 1 else (640, 400)
-    stills = [still_png(result, size_px) for result in list(shown.worst.values())[:MOST_ANIMATED]]
-    text = playable(animated(animated_worst(shown)), stills, 640)
-    left = list(shown.worst)[MOST_ANIMATED:]
+    stills = [still_png(result, size_px) for result in list(campaign.worst.values())[:MOST_ANIMATED]]
+    text = playable(animated(animated_worst(campaign)), stills, 640)
+    left = list(campaign.worst)[MOST_ANIMATED:]
     text += f"<p>Not animated: the worst samples of {escape(', '.join(left))}.</p>" if left else ""
     rest = [
         replace(part, title=f"{part.title}: worst samples") if part.name != "origins" else part
@@ -116,7 +116,7 @@ def _in_short(summary: Mapping[str, Any]) -> str:
         for name, statistics in summary["gains"].items()
     ]
     text = "".join(f"<p class='outcome'>{escape(sentence)}</p>" for sentence in sentences if sentence)
-    warnings = [unfinished(summary), *summary["doubts"]]
+    warnings = [unfinished(summary), *summary["caveats"]]
     items = "".join(f"<li>{escape(warning)}</li>" for warning in warnings if warning)
     if items:
         text += f"<ul class='warnings'>{items}</ul>"
@@ -141,23 +141,23 @@ def _design(summary: Mapping[str, Any]) -> str:
     return f"<p>{escape(about)}</p>" + (f"<p>{escape(step)}</p>" if step else "")
 
 
-def _spread(shown: CampaignReport) -> str:
+def _spread(campaign: CampaignReport) -> str:
     spreads = []
     for metric, quantity in metrics().items():
-        if quantity.limit is None or metric not in shown.data:
+        if quantity.limit is None or metric not in campaign.data:
             continue
-        factor, unit = unit_scale(str(shown.data[metric].attrs["units"]))
-        largest = factor * shown.data[metric].max(f"{metric}_of", skipna=False)
-        samples = {str(name): largest.sel(gains=name).values for name in shown.data.gains.values}
-        most = shown.summary["limits"].get(quantity.limit)
+        factor, unit = unit_scale(str(campaign.data[metric].attrs["units"]))
+        largest = factor * campaign.data[metric].max(f"{metric}_of", skipna=False)
+        samples = {str(name): largest.sel(gains=name).values for name in campaign.data.gains.values}
+        most = campaign.summary["limits"].get(quantity.limit)
         limit = None if most is None else factor * most
         missing = "diverged" if quantity.exists is None else "without a value"
         spreads.append(SampleSpread(samples, quantity_of(metric), unit, limit, missing))
     # percentiles of every recorded metric, collapsed
     text = ""
-    for name, statistics in shown.summary["gains"].items():
-        inside = percentile_table(name, statistics, shown.summary).html()
-        of = f", gains {escape(name)}" if len(shown.summary["gains"]) > 1 else ""
+    for name, statistics in campaign.summary["gains"].items():
+        inside = percentile_table(name, statistics, campaign.summary).html()
+        of = f", gains {escape(name)}" if len(campaign.summary["gains"]) > 1 else ""
         text += f"<details><summary>percentiles{of}</summary>{inside}</details>"
     if not spreads:
         return text
@@ -202,9 +202,9 @@ def _matters(summary: Mapping[str, Any]) -> str:
     return measures_told + (f"<p>{escape(note)}</p>" if note else "") + "".join(parts)
 
 
-def _series(shown: CampaignReport) -> str:
+def _series(campaign: CampaignReport) -> str:
     parts = []
-    for signal, by_gains in shown.bands.items():
+    for signal, by_gains in campaign.bands.items():
         parts.append(f"<h3>{escape(signal.replace('_', ' '))}</h3>")
         for name, signal_bands in by_gains.items():
             if not moving_components(signal_bands):
@@ -212,19 +212,19 @@ def _series(shown: CampaignReport) -> str:
                 continue
             caption = signal.replace("_", " ") + (f" with the gains {name}" if len(by_gains) > 1 else "")
             scale = "; each figure has its own scale" if len(by_gains) > 1 else ""
-            lost = len(shown.data.sample) - int(signal_bands.left[-1])
+            lost = len(campaign.data.sample) - int(signal_bands.left[-1])
             gone = f"; diverged, and counted until then: {lost}" if lost else ""
             parts.append(_figure(bands(signal_bands), f"{caption}, over all samples{gone}{scale}"))
     return "".join(parts)
 
 
-def _worst(shown: CampaignReport) -> str:
+def _worst(campaign: CampaignReport) -> str:
     """HTML of the worst sample under each set of gains.
 
     It consists of a table of the drawn parameters with a column for each set, the errors of samples that
     cannot be simulated, and the commands that repeat the simulations.
     """
-    summary = shown.summary
+    summary = campaign.summary
     worst = {name: entry["worst"][0] for name, entry in summary["gains"].items()}
     rows = [["sample", *(str(row["sample"]) for row in worst.values())]]
     units = {one["metric"]: one["unit"] for one in next(iter(summary["gains"].values()))["metrics"]}
@@ -239,7 +239,7 @@ def _worst(shown: CampaignReport) -> str:
     for key in summary["parameters"]:
         rows.append([key, *(drawn(summary, key, row["draw"][key]) for row in worst.values())])
     text = table(["gains", *worst], rows)
-    for name, fault in shown.faults.items():
+    for name, fault in campaign.faults.items():
         entry = f"gains {name}, sample {worst[name]['sample']}, cannot be simulated: {fault}"
         text += f"<p>{escape(entry)}</p>"
     for name, row in worst.items():
@@ -249,15 +249,15 @@ def _worst(shown: CampaignReport) -> str:
     return text
 
 
-def animated_worst(shown: CampaignReport) -> dict[str, Any]:
+def animated_worst(campaign: CampaignReport) -> dict[str, Any]:
     """Data of the page that animates the first sets' worst samples, with the spread of all samples."""
     named = {
-        f"Gains {name}, sample {shown.summary['gains'][name]['worst'][0]['sample']}": result
-        for name, result in list(shown.worst.items())[:MOST_ANIMATED]
+        f"Gains {name}, sample {campaign.summary['gains'][name]['worst'][0]['sample']}": result
+        for name, result in list(campaign.worst.items())[:MOST_ANIMATED]
     }
-    title = f"Campaign of {shown.summary['name']}: worst samples"
+    title = f"Campaign of {campaign.summary['name']}: worst samples"
     data = animation(*named.values(), names=list(named), title=title, autoplay=False, first=1)
-    return data | {"panel": data["panel"] | {"spreads": list(shown.spreads)}}
+    return data | {"panel": data["panel"] | {"spreads": list(campaign.spreads)}}
 
 
 def _figure(drawing: Drawing, title: str) -> str:

@@ -65,7 +65,7 @@ def _text(folder: Path) -> str:
                 f"<details class='problem'{unfolded}><summary>{escape(tables.heading(benchmark))}</summary>"
             )
             text += f"<p>{escape(tables.prices(benchmark))}</p>"
-            items = "".join(f"<li>{escape(doubt)}</li>" for doubt in tables.doubts(benchmark))
+            items = "".join(f"<li>{escape(caveat)}</li>" for caveat in tables.caveats(benchmark))
             text += f"<ul class='warnings'>{items}</ul>" if items else ""
             text += content[0].html()
             text += "".join(

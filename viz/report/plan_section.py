@@ -40,20 +40,22 @@ LIMITED = {
 """Label of each variable of the joints, and the variable of its limits."""
 
 
-def plan_report(plan: xr.Dataset, summary: Mapping[str, Any], flown: Result, data: Mapping[str, Any]) -> str:
+def plan_report(
+    plan: xr.Dataset, summary: Mapping[str, Any], simulation: Result, data: Mapping[str, Any]
+) -> str:
     """HTML of a report about a plan.
 
     Args:
         plan, summary: Data of ``plan.nc`` and ``plan.json``.
-        flown: Result of the scenario that follows the plan.
+        simulation: Result of the scenario that follows the plan.
         data: Data of the animated page of plan and result.
     """
     figures = "".join(
         picture(name, TITLES.get(name, name), to_bytes(drawing, "svg"))
-        for name, drawing in plan_figures(plan, summary, flown)
+        for name, drawing in plan_figures(plan, summary, simulation)
     )
     texts = {
-        "verdict": ("In short", _in_short(summary, flown, data)),
+        "verdict": ("In short", _in_short(summary, simulation, data)),
         "limits": ("Limits, and where they bind", _limits(plan)),
         "cost": ("Cost", _cost(summary)),
         "replay": ("Replay", _replay(summary)),

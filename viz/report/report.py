@@ -66,9 +66,9 @@ def report(*results: Result, title: str | None = None, sections: Sequence[Report
     check_comparable(results)
     subject = parts.subject_of(results)
     bodies = [(section, section.body(subject)) for section in sections]
-    shown = [(section, body) for section, body in bodies if body is not None]
+    written_sections = [(section, body) for section, body in bodies if body is not None]
     folder = results[0].folder if len(results) == 1 else None
-    return page(title or _heading(subject), shown, source=folder.resolve().name if folder else "")
+    return page(title or _heading(subject), written_sections, source=folder.resolve().name if folder else "")
 
 
 def _heading(subject: parts.Subject) -> str:
@@ -92,7 +92,7 @@ def page(heading: str, sections: Sequence[tuple[ReportSection, str]], *, source:
         f'<section id="{s.name}"><h2>{escape(s.title)}</h2>{body}</section>' for s, body in sections
     )
     count = itertools.count(1)
-    text = re.sub("<figcaption>", lambda found: f"{found[0]}Figure {next(count)}. ", text)
+    text = re.sub("<figcaption>", lambda match: f"{match[0]}Figure {next(count)}. ", text)
     web = files("viz") / "web"
     return fill(
         (web / "report.html").read_text(encoding="utf-8"),

@@ -63,12 +63,12 @@ def cloud(_: DesignCache, plant: PreparedDesign, numbers: Mapping[str, float], j
             break
         costs = np.concatenate([costs, batch.costs[metric.key]])
         state = "done" if len(costs) == len(draws) else "running"
-        job.tell(state, always=state == "running", **_told(gathered, metric.factor * costs, len(draws)))
+        job.tell(state, always=state == "running", **_progress(gathered, metric.factor * costs, len(draws)))
     if job.stop.is_set():
-        job.tell("stopped", **(_told(gathered, metric.factor * costs, len(draws)) if costs.size else {}))
+        job.tell("stopped", **(_progress(gathered, metric.factor * costs, len(draws)) if costs.size else {}))
 
 
-def _told(spread: CampaignSpread, values: Array, total: int) -> dict[str, Any]:
+def _progress(spread: CampaignSpread, values: Array, total: int) -> dict[str, Any]:
     """Message about the samples so far: metric values, quantiles of signals over time, some paths."""
     return {
         "progress": len(values) / total,

@@ -89,8 +89,14 @@ class PreparedDesign:
         Raises:
             ScenarioError: If the masses are physically impossible.
         """
-        drawn = {path: value for path, value in numbers.items() if ".links." in path or path[:5] == "pads."}
-        return build_scene(self.scene.scenario, drawn, source=self.scene.source) if drawn else self.scene
+        shape_numbers = {
+            path: value for path, value in numbers.items() if ".links." in path or path[:5] == "pads."
+        }
+        return (
+            build_scene(self.scene.scenario, shape_numbers, source=self.scene.source)
+            if shape_numbers
+            else self.scene
+        )
 
     @property
     def chosen_step(self) -> float | None:
@@ -255,12 +261,12 @@ class DesignCache:
                 continue
             # the section as one of another kind: keys that this does not know are left out
             family = next(
-                (own for own in map(kinds, FAMILIES) if section["kind"] in own and value in [*own]), None
+                (family for family in map(kinds, FAMILIES) if {section["kind"], value} <= set(family)), None
             )
             if family is None:
                 raise ScenarioError(f"found {value!r}, which is no kind of this section", where=path)
             fields = family[value].model_fields
-            changes[head] = {name: own for name, own in section.items() if name in fields} | {"kind": value}
+            changes[head] = {name: each for name, each in section.items() if name in fields} | {"kind": value}
         return changes
 
     def _split(self, values: Values) -> tuple[dict[str, float], dict[str, Any], list[str]]:
@@ -301,8 +307,8 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _key(others: Mapping[str, Any], asked: Sequence[str]) -> str:
-    return json.dumps([others, asked])
+def _key(others: Mapping[str, Any], paths: Sequence[str]) -> str:
+    return json.dumps([others, paths])
 
 
 def _link(path: str) -> str | None:

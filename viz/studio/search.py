@@ -251,11 +251,11 @@ class MonitoredProblem:
         self._noted(u, Evaluation(objective, np.zeros((len(u), 0))), self._problem.linear_cost)
         return linearisations
 
-    def _noted(self, u: Array, found: Evaluation, each: EvaluationCost) -> Evaluation:
-        for point, value in zip(np.atleast_2d(u), found.objective, strict=True):
+    def _noted(self, u: Array, evaluation: Evaluation, each: EvaluationCost) -> Evaluation:
+        for point, value in zip(np.atleast_2d(u), evaluation.objective, strict=True):
             displayed = self._metric.factor * value if np.isfinite(value) else np.inf
             self._track.note(point, displayed, each.equivalent(4.0))
         self._track.tell(min(0.99, self._track.spent / self._budget))
         if self._job.stop.is_set():
             raise KeyboardInterrupt  # as Ctrl-C does: methods end with what they have
-        return found
+        return evaluation

@@ -229,11 +229,11 @@ class StudioSession:
         design = self.plants.find(request.values)
         if design is not None and (design[0].has_gradients or not gradients):
             return design
-        asked = page, request.kind
+        key = page, request.kind
         with self._change:
-            self._held[asked] = request
-            if asked not in self._making:
-                self._making.add(asked)
+            self._held[key] = request
+            if key not in self._making:
+                self._making.add(key)
                 _begin(lambda: self._attempt(self._make, page, request))
         return None
 

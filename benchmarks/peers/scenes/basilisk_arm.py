@@ -87,11 +87,11 @@ def measure() -> Outcome:
                 body.getBody(name).getScalarJoint(name).setVelocity(speed)
 
         def state() -> Array:
-            found = body.stateOutMsg.read()
-            position = np.delete(np.ravel(found.qpos), range(7, 7 + count))
-            velocity = np.ravel(found.qvel)
-            own = np.delete(velocity, range(6, 6 + count))
-            return np.concatenate([*moved(position, own, DURATION, -1), velocity[6 : 6 + count]])
+            state_message = body.stateOutMsg.read()
+            position = np.delete(np.ravel(state_message.qpos), range(7, 7 + count))
+            velocity = np.ravel(state_message.qvel)
+            reduced_velocity = np.delete(velocity, range(6, 6 + count))
+            return np.concatenate([*moved(position, reduced_velocity, DURATION, -1), velocity[6 : 6 + count]])
 
         return BasiliskModel(body, state, references=(gravity, *messages), start=start)
 

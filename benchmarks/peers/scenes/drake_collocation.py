@@ -90,9 +90,9 @@ def drakes(scene: Scene, intervals: int) -> Job:
     plan.SetInitialTrajectory(PiecewisePolynomial(), line)
 
     def run() -> Array:
-        found = IpoptSolver().Solve(program, None, None)
-        times = plan.GetSampleTimes(found)
-        return np.array([found.get_optimal_cost(), times[-1]])
+        solver_result = IpoptSolver().Solve(program, None, None)
+        times = plan.GetSampleTimes(solver_result)
+        return np.array([solver_result.get_optimal_cost(), times[-1]])
 
     return run
 

@@ -33,10 +33,10 @@ def measure() -> Outcome:
     import mujoco
 
     shipped = load_scene("bounce").scenario.contacts["bump"]
-    kept, speed = shipped.restitution, shipped.restitution_speed
-    law = {"stiffness": STIFFNESS, "exponent": 1, "restitution": kept, "restitution_speed": speed}
+    restitution, speed = shipped.restitution, shipped.restitution_speed
+    law = {"stiffness": STIFFNESS, "exponent": 1, "restitution": restitution, "restitution_speed": speed}
     scene = bounce({"kind": "hunt_crossley"} | law)
-    solref = f"{-STIFF:.17g} {-2 * damping_ratio(kept) * math.sqrt(STIFF):.17g}"
+    solref = f"{-STIFF:.17g} {-2 * damping_ratio(restitution) * math.sqrt(STIFF):.17g}"
     geoms = {
         joint: f'<geom type="sphere" size="{radius}" pos="{numbers(centre)}" condim="1" solref="{solref}" '
         'solimp="0.9999 0.9999 0.001"/>'

@@ -29,7 +29,7 @@ class QuantileBands:
         least, low, median, high, greatest: Minimum, 5 %, 50 %, 95 % and maximum over the samples, each (nt,
             c). A diverged rollout counts until its divergence; NaN where no sample remains.
         left: Number of samples that have not diverged by each time (nt,).
-        sample, shown: Index of a single sample, and its values over time (nt, c).
+        sample, sample_values: Index of a single sample, and its values over time (nt, c).
     """
 
     name: str
@@ -43,7 +43,7 @@ class QuantileBands:
     greatest: Array
     left: np.typing.NDArray[np.int64]
     sample: int
-    shown: Array
+    sample_values: Array
 
 
 def read_bands(folder: StrPath, name: str, gains: str, sample: int) -> QuantileBands:

@@ -77,7 +77,7 @@ def _assumed(evaluator: CampaignEvaluator, gains: str) -> dict[str, Any]:
     """Change by which plans in flight are made with the scenario's masses, not the drawn ones."""
     member = evaluator.member(gains)
     scenario, document = member.scene.scenario, to_document(member.scene.scenario)
-    drawn = {path: get(document, path) for path in member.space.paths if ".links." in path}
-    if not drawn or not evaluator.has_updates or scenario.plan is None:
+    link_values = {path: get(document, path) for path in member.space.paths if ".links." in path}
+    if not link_values or not evaluator.has_updates or scenario.plan is None:
         return {}
-    return {"plan.model": drawn | dict(scenario.plan.model)}
+    return {"plan.model": link_values | dict(scenario.plan.model)}

@@ -17,7 +17,7 @@ from optim.campaign.analysis.sensitivity import correlated, noise_of, what_matte
 from optim.campaign.analysis.statistics import Estimate, percentile, share
 from optim.campaign.rollouts.evaluator import CampaignEvaluator
 from optim.campaign.rollouts.metrics import CAPTURED, PLANS, SOLVE_TIMES
-from optim.campaign.rollouts.trust import doubts, untrusted
+from optim.campaign.rollouts.trust import caveats, untrusted
 from optim.campaign.sampling.parameter_space import sensor_offsets, units_of
 from optim.campaign.store.folder import load_head
 from optim.campaign.store.netcdf import load_campaign
@@ -206,7 +206,7 @@ def summary_data(folder: StrPath, evaluator: CampaignEvaluator) -> dict[str, Any
         "rank_noise": noise_of(len(data.sample), campaign),
         "against": against,
         "untrusted": trust,
-        "doubts": [*warnings, *doubts(trust, campaign)],
+        "caveats": [*warnings, *caveats(trust, campaign)],
     }
 
 

@@ -94,7 +94,7 @@ class GainSet:
 
     scene: Scene
     space: ParameterSpace
-    kept: CampaignMetrics
+    campaign_metrics: CampaignMetrics
     recording: SignalRecording
     rollout: Rollout | UpdatedRollout
     updated: UpdatedScene | None = None
@@ -124,7 +124,7 @@ class CampaignEvaluator:
     @property
     def columns(self) -> tuple[MetricColumn, ...]:
         """Metric columns that are kept, M of them."""
-        return self.members[0].kept.columns
+        return self.members[0].campaign_metrics.columns
 
     @property
     def recording(self) -> SignalRecording:
@@ -206,7 +206,7 @@ class CampaignEvaluator:
             batch = member.rollout.batch(member.space.paths, values, outputs=names, threads=threads)
             if batch.cancelled:
                 raise KeyboardInterrupt
-            tables.append(member.kept.table(batch.measures))
+            tables.append(member.campaign_metrics.table(batch.measures))
             times.append(batch.diverged_at_s)
             gaps.append(np.column_stack([np.empty((len(draws), 0)), *batch.gaps.values()]))
             for name in names:
@@ -237,7 +237,7 @@ def build_evaluator(scene: Scene, gains: Gains | None = None, *, compiled: bool 
             where = f"gains {name}: {fault.where or ''}".rstrip(": ")
             raise ScenarioError(fault.message, source=fault.source or scene.source, where=where) from None
     if any(
-        member.kept.columns != gain_sets[0].kept.columns
+        member.campaign_metrics.columns != gain_sets[0].campaign_metrics.columns
         or member.recording.series != gain_sets[0].recording.series
         or member.rollout.kernel.closure.largest != gain_sets[0].rollout.kernel.closure.largest
         for member in gain_sets

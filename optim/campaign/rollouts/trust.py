@@ -121,7 +121,7 @@ def untrusted(data: xr.Dataset, failed: Mapping[str, Mask]) -> dict[str, dict[st
     return untrusted_sets
 
 
-def doubts(open_ledgers: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[str]:
+def caveats(open_ledgers: Mapping[str, Mapping[str, Any]], campaign: Campaign) -> list[str]:
     """Warnings about open ledgers, in sentences; none where all are closed."""
     sentences = []
     for name, entry in open_ledgers.items():

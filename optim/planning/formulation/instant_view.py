@@ -140,9 +140,9 @@ class InstantView:
         for name, joint, each in joints_named(scene, body, given, f"{self.where}.{key}"):
             yield self._joint(name, joint), each
 
-    def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
+    def turned(self, desired: ca.SX, actual: ca.SX) -> ca.SX:
         """Rotation vector (3x1) [rad] from one orientation to another."""
-        relative = ca.mtimes(wanted.T, found)
+        relative = ca.mtimes(desired.T, actual)
         if self.stage.scene.planar:
             return ca.atan2(relative[1, 0], relative[0, 0])
         return rotation_log(relative)
@@ -300,7 +300,7 @@ def find_robot(scene: Scene, name: str, where: str) -> SceneBody:
 
 
 def joints_named(
-    scene: Scene, body: SceneBody, given: Mapping[str, T], where: str
+    scene: Scene, body: SceneBody, values: Mapping[str, T], where: str
 ) -> Iterator[tuple[str, int, T]]:
     """Name, number and pattern value of each joint of a body that a pattern matches.
 
@@ -308,7 +308,7 @@ def joints_named(
         ScenarioError: If a pattern matches no joint.
     """
     ids = {body.joint_name(scene.model, j): j for j in body.driven_joints}
-    for pattern, each in given.items():
+    for pattern, each in values.items():
         names = matching(ids, pattern)
         if not names:
             raise scene.error(f"no joint {pattern!r}; {near_names(pattern, ids)}", where)

@@ -51,8 +51,8 @@ def implicit_values(
             k for k, one in enumerate(implicit) if one.function is not None and one.function.name() == name
         ]
         first = np.hstack([starts[k][:3] for k in matching])
-        given = np.hstack([parts[k] for k in matching])
-        columns = _solve_implicit(implicit[matching[0]], given, call, first)
+        columns_in = np.hstack([parts[k] for k in matching])
+        columns = _solve_implicit(implicit[matching[0]], columns_in, call, first)
         for k, value in zip(matching, np.hsplit(columns, len(matching)), strict=True):
             values[k] = value
     return np.vstack([np.empty((0, count)), *values])

@@ -131,9 +131,13 @@ class Stage:
         w = ca.SX.sym("w", sum(len(wrench_axes(scene, grip)) for grip in grips))
         # whether a controller replans in flight and a filter estimates the mass properties of the held object
         robots = scene.scenario.robots.values()
-        flown = any(one.replanning is not None for robot in robots for one in robot.controllers.values())
-        held = any(HELD_INERTIA in one.makes for robot in robots for one in robot.estimators.values())
-        inertia = ca.SX.sym("inertia", SIZE if flown and held else 0)
+        has_replanning = any(
+            one.replanning is not None for robot in robots for one in robot.controllers.values()
+        )
+        has_inertia_filter = any(
+            HELD_INERTIA in one.makes for robot in robots for one in robot.estimators.values()
+        )
+        inertia = ca.SX.sym("inertia", SIZE if has_replanning and has_inertia_filter else 0)
         kinematics = forward_kinematics(model, q, v)
         return cls(scene, driven, grips, springs, q, v, a, u, w, kinematics, inertia=inertia)
 

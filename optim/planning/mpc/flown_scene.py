@@ -94,7 +94,7 @@ class FlownScene:
                         f"robots.{name}.controllers.{other}",
                     )
             estimators = body.config.estimators.values() if isinstance(body.config, Robot) else ()
-            made = {signal for estimator in estimators for signal in estimator.makes}
+            estimated_signals = {signal for estimator in estimators for signal in estimator.makes}
             times = (lobatto.nodes * settings.period).tolist()
             for knots, what, columns, tables in (
                 ("knots", "joints", joints[name], TABLES),
@@ -108,7 +108,7 @@ class FlownScene:
                 signal
                 for signal, sensor in sensors_of(scene)[name]
                 if not sensor.is_ideal
-                or signal in made
+                or signal in estimated_signals
                 or any(f"robots.{name}.sensors.{signal}." in each for each in vary)
             ]
             changes[f"{path}.frames"] = {

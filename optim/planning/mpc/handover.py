@@ -30,14 +30,14 @@ class Handover:
     """Scene for which plans are made, and its place in the simulated scene.
 
     Attributes:
-        whole, scene: The simulated scene, and the planned one without phases, with held grasps closed and
-            locked joints fixed.
+        simulated_scene: The simulated scene.
+        scene: The planned scene, without phases, with held grasps closed and locked joints fixed.
         begin_s: Simulation time at which plans begin [s].
         q, v: Indices of the planned configuration and velocity in the simulated ones.
         locked: Positions of locked joints [rad or m], by ``robot/joint``.
     """
 
-    whole: Scene
+    simulated_scene: Scene
     scene: Scene
     begin_s: float
     q: Places
@@ -107,11 +107,11 @@ class Handover:
     def held(self) -> tuple[SceneGrasp, ...]:
         """Grasps that hold the target rigidly at the handover, in the simulated scene."""
         names = {grasp.name for grasp in begun(self.scene.grasps) if is_rigid(grasp)}
-        return tuple(g for g in self.whole.grasps if g.name in names and g.config.fixes_orientation)
+        return tuple(g for g in self.simulated_scene.grasps if g.name in names and g.config.fixes_orientation)
 
     def planned(self, state: Array) -> Array:
         """State of the planned scene (n, nq + nv) from that of the simulated one (n, ...)."""
-        nq = self.whole.model.nq
+        nq = self.simulated_scene.model.nq
         return np.hstack([state[:, self.q], state[:, nq + self.v]])
 
     def inertia(self, readings: Readings, state: Array) -> Array | None:
@@ -126,18 +126,18 @@ class Handover:
         """
         for grasp in self.held:
             label = grasp.tip.label
-            if (f"{HELD}mass", label) not in readings or self.whole.target is None:
+            if (f"{HELD}mass", label) not in readings or self.simulated_scene.target is None:
                 continue
             mass, moment, moments, products = (
                 readings[f"{HELD}{key}", label] for key in ("mass", "first_moment", "moments", "products")
             )
             (xx, yy, zz), (xy, xz, yz) = moments, products
             parameters = np.array([*mass, *moment, xx, xy, yy, xz, yz, zz])
-            if not is_realisable(parameters[list(PLANAR)] if self.whole.planar else parameters):
+            if not is_realisable(parameters[list(PLANAR)] if self.simulated_scene.planar else parameters):
                 continue
-            model = self.whole.model
+            model = self.simulated_scene.model
             data = moved(model, state[: model.nq], state[model.nq :])
-            grip = data.oMf[grasp.tip.frame].actInv(data.oMi[self.whole.target.root_joint])
+            grip = data.oMf[grasp.tip.frame].actInv(data.oMi[self.simulated_scene.target.root_joint])
             there = grip.actInv(pin.Inertia.FromDynamicParameters(parameters))
             return np.array(there.toDynamicParameters())
         return None

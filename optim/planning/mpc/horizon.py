@@ -181,8 +181,8 @@ class Horizon:
         if not is_usable(program, candidate) and spent < iterations:
             fresh = initial_guess(problem, solver.lobatto, intervals).unknowns
             fresh = np.concatenate([fresh, *later])
-            left = iterations - spent
-            candidate = solve(program, fresh, scale=scale, iterations=left)
+            remaining_iterations = iterations - spent
+            candidate = solve(program, fresh, scale=scale, iterations=remaining_iterations)
             spent += candidate.iterations
         while is_usable(program, candidate):
             collocation = program.programs[0]
@@ -198,8 +198,8 @@ class Horizon:
             problem, before, solver = self._problem(wider, begin, measured), program, wider
             program = self._program(solver, problem, intervals)
             warm = transfer_constrained(candidate, before, program)
-            left = min(max(iterations - spent, 1), PATIENCE)
-            candidate = solve(program, candidate.w, warm, scale=scale, iterations=left)
+            remaining_iterations = min(max(iterations - spent, 1), PATIENCE)
+            candidate = solve(program, candidate.w, warm, scale=scale, iterations=remaining_iterations)
             spent += candidate.iterations
         else:
             self.missed += 1
@@ -308,7 +308,7 @@ def continued(model: Any, state: Array, near: Array) -> Array:
     return state
 
 
-def is_usable(program: PhaseChain, found: Solution) -> bool:
+def is_usable(program: PhaseChain, candidate: Solution) -> bool:
     """Whether a plan may be flown: a solution, or feasible so far."""
-    g, (least, greatest) = program.constraints(found.w), program.limits()
-    return found.converged or bool(np.maximum(least - g, g - greatest).max() <= GOOD)
+    g, (least, greatest) = program.constraints(candidate.w), program.limits()
+    return candidate.converged or bool(np.maximum(least - g, g - greatest).max() <= GOOD)

@@ -67,7 +67,7 @@ def constraint_variables(
         values_of_rows = row_values(rows, motion.problem.stage.z, motion.z.T) if rows else ()
         for row, of_row in zip(rows, values_of_rows, strict=True):
             name = f"{phase}: {row.name}" if several else row.name
-            physical_values, limits = _told(row, of_row)
+            physical_values, limits = _in_physical_units(row, of_row)
             over = np.full(sum(points), np.nan)
             over[sum(points[:k]) : sum(points[: k + 1])] = physical_values
             share = first_constrained(motion.lobatto, motion.mesh, row.final_fraction)
@@ -93,7 +93,7 @@ def _limits(phased_motion: PhasedMotion, places: list[int]) -> Array:
     return np.stack([lower.min(axis=0), upper.max(axis=0)], axis=1)
 
 
-def _told(row: BoundedRow, values: Array) -> tuple[Array, Array]:
+def _in_physical_units(row: BoundedRow, values: Array) -> tuple[Array, Array]:
     """Values and limits (2,) in the reported unit: the root of a square, the angle of a cosine."""
     if row.form == "square":
         limit = 2 * row.scale
@@ -103,20 +103,20 @@ def _told(row: BoundedRow, values: Array) -> tuple[Array, Array]:
     return values, np.array([row.lower, row.upper])
 
 
-def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
+def with_flown(plan: xr.Dataset, scene: Scene, replay: xr.Dataset) -> xr.Dataset:
     """Plan's dataset with the values of its constraints along the simulated motion.
 
     Args:
         plan: Dataset of ``plan.nc``.
         scene: Scene with its plan section.
-        flown: Data of a simulation result with the same bodies.
+        replay: Data of a simulation result with the same bodies.
 
     Returns:
         xarray.Dataset: Dataset with ``constraint_flown`` (flown_time, constraint_name); NaN for constraints
             on accelerations, drives or grasp wrenches, and outside a constraint's phase.
     """
     phases = formulate_phases(scene)
-    names, times = [str(name) for name in plan.constraint_name.values], flown.time.values
+    names, times = [str(name) for name in plan.constraint_name.values], replay.time.values
     flown_values = np.full((len(times), len(names)), np.nan)
     for phase in phases:
         phase_times = (
@@ -125,11 +125,13 @@ def with_flown(plan: xr.Dataset, scene: Scene, flown: xr.Dataset) -> xr.Dataset:
         inside = (times >= phase_times[0]) & (times <= phase_times[-1])
         stage = phase.problem.stage
         state, later = ca.vertcat(stage.q, stage.v), ca.vertcat(stage.a, stage.u, stage.w, stage.s)
-        at = np.hstack([flown.q.values[inside], flown.v.values[inside]]).T
+        at = np.hstack([replay.q.values[inside], replay.v.values[inside]]).T
         for row in phase.problem.path:
             name = f"{phase.name}: {row.name}" if len(phases) > 1 else row.name
             if name in names and not ca.depends_on(row.value, later):
-                flown_values[inside, names.index(name)] = _told(row, row_values([row], state, at)[0])[0]
+                flown_values[inside, names.index(name)] = _in_physical_units(
+                    row, row_values([row], state, at)[0]
+                )[0]
     data = {"constraint_flown": (("flown_time", "constraint_name"), flown_values)}
     return plan.assign(data).assign_coords(flown_time=times)
 

@@ -93,16 +93,16 @@ def handover_warnings(planned: PlanSolution) -> list[str]:
 def _in_phases(planned: PlanSolution, document: Document) -> Document:
     """Document with the plan in the first phases, the rest of the last one, and the later phases."""
     scenario = planned.scene.scenario
-    flown = planned.names if any(planned.names) else (plan_phase(scenario),)
-    scenario_phases = scenario.phases or {flown[0]: Phase()}
+    phase_names = planned.names if any(planned.names) else (plan_phase(scenario),)
+    scenario_phases = scenario.phases or {phase_names[0]: Phase()}
     phases = {name: phase.model_dump(mode="json") for name, phase in scenario_phases.items()}
-    phased_motion, last = planned.phased_motion, flown[-1]
-    closing = flown[:-1]
-    if len(flown) > 1:  # the plan may end where all is mated that its last phase is to capture
+    phased_motion, last = planned.phased_motion, phase_names[-1]
+    closing = phase_names[:-1]
+    if len(phase_names) > 1:  # the plan may end where all is mated that its last phase is to capture
         goals, ending = plan_section(planned.scene).by_phase[last].goals, scenario.phases[last].until
         caught = (ending.captured or ()) if ending is not None else ()
         if caught and all(mated(scenario.grasps[name], goals) for name in caught):
-            closing = flown
+            closing = phase_names
     for k, name in enumerate(closing):
         # a planned phase ends after its duration; the grasps that it captures close then
         phase, duration = phases[name], phased_motion.motions[k].duration_s
@@ -118,7 +118,9 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
     if last not in closing:
         end |= {"next": next_phase, "on_timeout": on_timeout}
         end, rest = _parted(
-            end, phased_motion.motions[-1].duration_s if len(flown) > 1 else phased_motion.duration_s, left
+            end,
+            phased_motion.motions[-1].duration_s if len(phase_names) > 1 else phased_motion.duration_s,
+            left,
         )
     document["simulation"]["duration"] = max(phased_motion.duration_s, scenario.simulation.duration)
     if rest is not None:
@@ -135,23 +137,25 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
             if any(scenario.grasps[name].begins == "open" for name in waits):
                 end["until"] = None  # it ends with the plan
     order = [
-        *flown,
+        *phase_names,
         *([left] if rest is not None else []),
-        *(name for name in scenario_phases if name not in flown),
+        *(name for name in scenario_phases if name not in phase_names),
     ]
     phases |= {last: end} | ({} if rest is None else {left: rest})
     phases = {name: phases[name] for name in order}
     # Activate, in place, each robot's tracking controllers in their phase only.
-    taken = {name for robot in planned.scene.scenario.robots.values() for name in robot.controllers}
+    controller_names = {
+        name for robot in planned.scene.scenario.robots.values() for name in robot.controllers
+    }
     before = {name: dict(robot) for name, robot in document["robots"].items()}
-    for k, now in enumerate(flown):
-        key = _unused("plan" if len(flown) == 1 else f"plan_{now}", taken)
+    for k, now in enumerate(phase_names):
+        key = _unused("plan" if len(phase_names) == 1 else f"plan_{now}", controller_names)
         for name, robot in document["robots"].items():
             resting = {name: _resting(before[name])}
             phases[now]["robots"] = overlay(phases[now]["robots"], resting)
             tracking = _tracking(planned, name, k, key)
             others = [phase for other, phase in phases.items() if other != now]
-            if len(flown) == 1 and not _has_controllers(before[name]):
+            if len(phase_names) == 1 and not _has_controllers(before[name]):
                 others = []  # joints of one that has none stay where the plan leaves them
             for phase in others:
                 phase["robots"] = overlay(phase["robots"], {name: {"controllers": dict.fromkeys(tracking)}})
@@ -172,23 +176,23 @@ def _in_phases(planned: PlanSolution, document: Document) -> Document:
     return document
 
 
-def _parted(own: Document, duration: float, left: str) -> tuple[Document, Document | None]:
+def _parted(section: Document, duration: float, rest_name: str) -> tuple[Document, Document | None]:
     """Split a phase into the part tracked by the plan and the remaining part, if there is one."""
-    timed = (own["until"] or {}).get("time")
-    end = min(time for time in (timed, own["timeout"], np.inf) if time is not None)
-    first = own | {"until": None if timed else own["until"], "timeout": duration}
+    timed = (section["until"] or {}).get("time")
+    end = min(time for time in (timed, section["timeout"], np.inf) if time is not None)
+    first = section | {"until": None if timed else section["until"], "timeout": duration}
     if end <= duration:
-        return first | {"on_timeout": own["next"] if timed == end else own["on_timeout"]}, None
-    rest = own | {"releases": [], "reset": False}
+        return first | {"on_timeout": section["next"] if timed == end else section["on_timeout"]}, None
+    rest = section | {"releases": [], "reset": False}
     if timed:
-        rest["until"] = own["until"] | {"time": timed - duration}
-    if own["timeout"] is None:
+        rest["until"] = section["until"] | {"time": timed - duration}
+    if section["timeout"] is None:
         rest["on_timeout"] = None
     else:
-        rest["timeout"] = own["timeout"] - duration
-    if end == np.inf and own["until"] is None:
+        rest["timeout"] = section["timeout"] - duration
+    if end == np.inf and section["until"] is None:
         rest["next"] = None
-    return first | {"on_timeout": left}, rest
+    return first | {"on_timeout": rest_name}, rest
 
 
 def _resting(robot: Document) -> Document:
@@ -211,12 +215,12 @@ def _has_controllers(robot: Document) -> bool:
     return led or bool(robot["joint_pd"] or robot["controllers"])
 
 
-def _unused(name: str, taken: set[str]) -> str:
-    """Name that is not in ``taken``."""
+def _unused(name: str, names: set[str]) -> str:
+    """Name that is not in ``names``."""
     return next(
         candidate
         for candidate in itertools.accumulate(itertools.repeat("_"), initial=name)
-        if candidate not in taken
+        if candidate not in names
     )
 
 

@@ -80,7 +80,7 @@ def dataset(planned: PlanSolution) -> xr.Dataset:
         name: (dims, np.concatenate([part[name][1] for part in parts]), description)
         for name, (dims, _, description) in parts[0].items()
     }
-    norm_description = _told(
+    norm_description = _attributes(
         "1", "norm of the multipliers of equations of motion and limits, as densities over time"
     )
     variables["multiplier_norm"] = ("time", multiplier_norms(planned), norm_description)
@@ -150,37 +150,45 @@ def _over_time(scene: Scene, motion: Motion, drives: Mapping[str, int], grips: l
             tips["tip_rotation"][i, k] = pin.log3(data.oMf[tip.frame].rotation)
             tips["tip_spin"][i, k] = twist.angular
     variables: dict[str, Any] = {
-        "q": (("time", "configuration"), q, _told("m, rad or 1", "configuration in Pinocchio's coordinates")),
-        "v": (("time", "velocity"), v, _told("m/s or rad/s", "velocity, of a base in its own axes")),
-        "acceleration": (("time", "velocity"), a, _told("m/s^2 or rad/s^2", "acceleration, likewise")),
+        "q": (
+            ("time", "configuration"),
+            q,
+            _attributes("m, rad or 1", "configuration in Pinocchio's coordinates"),
+        ),
+        "v": (("time", "velocity"), v, _attributes("m/s or rad/s", "velocity, of a base in its own axes")),
+        "acceleration": (("time", "velocity"), a, _attributes("m/s^2 or rad/s^2", "acceleration, likewise")),
         "torque": (
             ("time", "joint"),
             u[:, :count],
-            _told(_unit(scene, driven.joints, "N m or N"), "torques and forces of the joints"),
+            _attributes(_unit(scene, driven.joints, "N m or N"), "torques and forces of the joints"),
         ),
         "joint_position": (
             ("time", "joint"),
             scene.joint_positions(driven.joints, q),
-            _told(_unit(scene, driven.joints, "rad or m"), "positions"),
+            _attributes(_unit(scene, driven.joints, "rad or m"), "positions"),
         ),
         "joint_rate": (
             ("time", "joint"),
             v[:, columns],
-            _told(_unit(scene, driven.joints, "rad/s or m/s"), "joint rates"),
+            _attributes(_unit(scene, driven.joints, "rad/s or m/s"), "joint rates"),
         ),
-        "joint_acceleration": (("time", "joint"), a[:, columns], _told("rad/s^2 or m/s^2", "their rates")),
+        "joint_acceleration": (
+            ("time", "joint"),
+            a[:, columns],
+            _attributes("rad/s^2 or m/s^2", "their rates"),
+        ),
     }
     for name, unit, text in TIP_MOTION:
-        variables[name] = (("time", "tip", "axis"), tips[name], _told(unit, text))
+        variables[name] = (("time", "tip", "axis"), tips[name], _attributes(unit, text))
     if drives:
-        attributes = _told("N or N m", "forces and torques commanded of bases, in their own axes")
+        attributes = _attributes("N or N m", "forces and torques commanded of bases, in their own axes")
         wrench_function = ca.Function("asked", [stage.z], [ca.densify(commanded_base_wrench(stage))])
         wrench = _spread(list(drives), driven.names[count:], np.array(wrench_function(motion.z.T).full()).T)
         variables["base_wrench"] = (("time", "drive"), wrench, attributes)
-        attributes = _told("m/s or rad/s", "velocities and spins of bases along and about these axes")
+        attributes = _attributes("m/s or rad/s", "velocities and spins of bases along and about these axes")
         variables["base_rate"] = (("time", "drive"), v[:, list(drives.values())], attributes)
     if grips:
-        attributes = _told("N or N m", "forces and torques of grasps on tips, world axes")
+        attributes = _attributes("N or N m", "forces and torques of grasps on tips, world axes")
         closed = (*stage.grips, *stage.springs)
         wrench_labels = [f"{grip.name}.{axis}" for grip in closed for axis in wrench_axes(scene, grip)]
         wrenches = ca.vertcat(ca.SX(0, 1), *(part for grip in closed for part in stage.wrench(grip)))
@@ -363,5 +371,5 @@ def _entries(model: Any, size: str) -> list[str]:
     return entries
 
 
-def _told(unit: str, text: str) -> dict[str, str]:
+def _attributes(unit: str, text: str) -> dict[str, str]:
     return {"units": unit, "long_name": text}

@@ -72,11 +72,11 @@ def scene_with_joints_held(scene: Scene) -> Scene:
     changes.append(("plan.keep_out", others))
     held = build_scene(scene.scenario, changes, source=scene.source)
     (phase,) = formulate_phases(held)
-    kept = {"time", *phase.problem.terms, *phase.problem.ends}
+    cost_names = {"time", *phase.problem.terms, *phase.problem.ends}
     changes += [
         (f"plan.costs.{name}", {"kind": cost.kind, "weight": 0.0})
         for name, cost in plan_section(scene).costs.items()
-        if name not in kept
+        if name not in cost_names
     ]
     return build_scene(scene.scenario, changes, source=scene.source)
 

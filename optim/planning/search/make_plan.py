@@ -150,10 +150,10 @@ def plan_tasks(solver: PlanSolver, request: SolveRequest, name: str = PLAN) -> d
         for k, start in enumerate(starts)
     }
 
-    def best(found: Mapping[str, SolveResult]) -> SolveRequest:
+    def best(by_name: Mapping[str, SolveResult]) -> SolveRequest:
         """Request that refines the best of the starts' results."""
-        k = min(range(len(starts)), key=lambda k: found[starts[k]].cost)
-        return dataclasses.replace(request, start=k, near=found[starts[k]], is_solved=True)
+        k = min(range(len(starts)), key=lambda k: by_name[starts[k]].cost)
+        return dataclasses.replace(request, start=k, near=by_name[starts[k]], is_solved=True)
 
     return tasks | {name: SolveTask(best, starts)}
 
@@ -165,8 +165,10 @@ def failure_message(result: SolveResult, starts: int = 1) -> str | None:
     if result.solution is None:
         many = f" from {starts} starts" if starts > 1 else ""
         # arrivals other than the last one are not explained by the smallest violation
-        ended = f"the solver ended with {result.runs[-1].status!r}" if result.runs else "no initial guess"
-        return f"no plan was found{many}: {result.cause or ended}{avoidance}"
+        solver_status = (
+            f"the solver ended with {result.runs[-1].status!r}" if result.runs else "no initial guess"
+        )
+        return f"no plan was found{many}: {result.cause or solver_status}{avoidance}"
     assert result.verification is not None
     faults = result.verification.failures()
     if faults and result.cause:

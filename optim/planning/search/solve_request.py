@@ -396,18 +396,18 @@ class _SolverRuns:
         warm = dataclasses.replace(solution, barrier=max(solution.barrier, WARM_BARRIER))
         return self._solve(self.solver.phased_motion(self.request, near), meshes, warm, iterations=SHORT)
 
-    def _finer(self, wanted: Meshes) -> bool:
+    def _finer(self, finer_meshes: Meshes) -> bool:
         """Solve on a finer mesh from the present solution."""
         assert self.optimum is not None
         solver, (solution, meshes) = self.solver, self.optimum
-        coarse, fine = (solver.program(self.request, each) for each in (meshes, wanted))
+        coarse, fine = (solver.program(self.request, each) for each in (meshes, finer_meshes))
         phased_motion = solver.phased_motion(
             self.request, SolveResult((), solution, meshes, self.cost, None, "")
         )
-        finer = phased_motion.on(solver.lobatto, wanted)
-        if len(wanted) > len(solver.phases):
+        finer = phased_motion.on(solver.lobatto, finer_meshes)
+        if len(finer_meshes) > len(solver.phases):
             return self._segmented(finer)
-        return self._solve(finer, wanted, transfer(solution, coarse, fine))
+        return self._solve(finer, finer_meshes, transfer(solution, coarse, fine))
 
     def _segmented(self, pieces: PhasedMotion) -> bool:
         """Solve in segments between drive jumps, near the present solution.

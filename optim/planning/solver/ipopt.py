@@ -349,15 +349,15 @@ class _IterationCallback(_ProgramCallback):
         """False, so that CasADi calls :meth:`eval`."""
         return False
 
-    def eval(self, given: Sequence[ca.DM]) -> list[Any]:
+    def eval(self, iterate: Sequence[ca.DM]) -> list[Any]:
         """Report an iteration."""
         try:
             self._count += 1
             if self._on_iteration is not None:
-                g = np.array(given[2].nonzeros())
+                g = np.array(iterate[2].nonzeros())
                 over = np.maximum(self._limits[0] - g, g - self._limits[1])
                 late = self._on_iteration(
-                    self._count, float(given[1]), max(float(over.max(initial=0.0)), 0.0)
+                    self._count, float(iterate[1]), max(float(over.max(initial=0.0)), 0.0)
                 )
                 self._bridge.late = bool(late)
         except KeyboardInterrupt:

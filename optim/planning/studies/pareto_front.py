@@ -193,7 +193,7 @@ def _asks(solver: PlanSolver, front_request: FrontRequest) -> list[SolveRequest]
 
 
 def _after(request: SolveRequest, parent: str) -> SolveTask:
-    return SolveTask(lambda found: dataclasses.replace(request, near=found[parent]), (parent,))
+    return SolveTask(lambda results: dataclasses.replace(request, near=results[parent]), (parent,))
 
 
 def _point(

@@ -56,9 +56,13 @@ def initial_guess(
     mesh = Mesh.of(mesh)
     approaches = _approaches(problem, lobatto)
     # joints of a base that flies to the target keep their posture, with which the base arrives
-    kept = {j for body in stage.scene.robots if body.name in approaches for j in body.driven_joints}
+    constant_joints = {
+        j for body in stage.scene.robots if body.name in approaches for j in body.driven_joints
+    }
     columns = moved = [
-        column for joint, column in zip(driven.joints, driven.columns, strict=False) if joint not in kept
+        column
+        for joint, column in zip(driven.joints, driven.columns, strict=False)
+        if joint not in constant_joints
     ]
     if approaches and least < greatest:  # another arrival for each start
         choices = next(iter(approaches.values())).durations

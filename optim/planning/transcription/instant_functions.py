@@ -76,16 +76,16 @@ def extended(
     first = problem.stage.rate.numel() + problem.stage.balance.numel() + len(problem.path)
     count = len(rows)
 
-    def call(name: str, *given: Array) -> Array:
+    def call(name: str, *arguments: Array) -> Array:
         """Values of both functions, the added rows after the path's."""
         if name.startswith("goal_"):
-            return instants.call(name, *given)
+            return instants.call(name, *arguments)
         if name == "hessian":
-            z, weights = given
+            z, weights = arguments
             path_weights = np.delete(weights, slice(first, first + count), axis=0)
             both = instants.call(name, z, path_weights), added.call(name, z, weights[first : first + count])
             return np.vstack(both)
-        one, other = instants.call(name, *given), added.call(name, *given)
+        one, other = instants.call(name, *arguments), added.call(name, *arguments)
         return np.vstack([one[:first], other, one[first:]] if name == "values" else [one, other])
 
     (rows_of, columns), (added_rows, at) = instants.jacobian, added.jacobian

@@ -64,9 +64,9 @@ class Linkage:
         """Number of constraints of the link."""
         return int(self.functions["values"].numel_out(0))
 
-    def call(self, name: str, *given: Array) -> Array:
+    def call(self, name: str, *arguments: Array) -> Array:
         """Evaluate one of the link's functions."""
-        return np.array(self.functions[name](*given).full()).ravel()
+        return np.array(self.functions[name](*arguments).full()).ravel()
 
 
 def _joined(stage: Stage, impact: bool) -> tuple[ca.SX, ca.SX, int]:

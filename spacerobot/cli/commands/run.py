@@ -85,10 +85,10 @@ def command(
 
 
 def _conclude(scene: Scene, result: Result) -> None:
-    from spacerobot.result.trust import warning as doubt_of
+    from spacerobot.result.trust import warning as trust_warning
 
     show(result)
-    printed = [*scene.warnings, doubt_of(result.summary["status"])]  # the latter at the end
+    printed = [*scene.warnings, trust_warning(result.summary["status"])]  # the latter at the end
     for warning in result.summary["warnings"]:
         if warning not in printed:
             warn(warning)
@@ -142,6 +142,6 @@ def warn_if_open(result: Result) -> None:
     """Print a warning if the ledger of a result is open."""
     from spacerobot.result.trust import warning
 
-    doubt = warning(result.summary["status"])
-    if doubt is not None:
-        warn(f"{result.scenario.name}: {doubt}")
+    warning_text = warning(result.summary["status"])
+    if warning_text is not None:
+        warn(f"{result.scenario.name}: {warning_text}")

@@ -73,20 +73,20 @@ class Residual:
         return ca.fabs(self.values[: self.threshold.size1()]) / self.threshold - 1
 
 
-def continuous_residual(context: SectionContext, name: str, asked: ca.SX, momenta: Momenta) -> Residual:
+def continuous_residual(context: SectionContext, name: str, commanded: ca.SX, momenta: Momenta) -> Residual:
     """Continuous residuals, without noise.
 
     Args:
         context: Context of the section with `bandwidth` and `allowance`.
         name: Name of the observer, unique in the closed loop.
-        asked: Commanded torques (n x 1) [N m or N].
+        commanded: Commanded torques (n x 1) [N m or N].
         momenta: Momenta and their known rates.
     """
     momentum, rate, _ = momenta
     size = momentum.size1()
     explained = ca.SX.sym(f"{name}.explained", size)
     residual = context.number("bandwidth") * (momentum - explained)
-    state = State(f"{name}.explained", explained, momentum, asked + rate + residual)
+    state = State(f"{name}.explained", explained, momentum, commanded + rate + residual)
     return Residual(residual, ca.repmat(context.number("allowance"), size, 1), (state,))
 
 

@@ -195,12 +195,12 @@ class ContactForce:
     Attributes:
         force: On the second (3x1) [N].
         normal: Magnitude along the normal (1x1) [N].
-        taken: Power that it takes (1x1) [W].
+        dissipated: Power that it dissipates (1x1) [W].
     """
 
     force: ca.SX
     normal: ca.SX
-    taken: ca.SX
+    dissipated: ca.SX
 
 
 def booked(
@@ -215,7 +215,7 @@ def booked(
         nearer, parts = touch.gap < nearest.gap, ("gap", "normal", "point", "velocity", "speed")
         nearest = ContactPair(*(ca.if_else(nearer, getattr(touch, k), getattr(nearest, k)) for k in parts))
     force = sum((press.force for press in presses), ca.SX(3, 1))
-    dissipated = sum((press.taken for press in presses), ca.SX(1, 1))
+    dissipated = sum((press.dissipated for press in presses), ca.SX(1, 1))
     impulse, loss = (
         State(
             f"contacts.{contact.name}.{name}",

@@ -108,7 +108,7 @@ def _inverse_kinematics(robot: RobotContext, desired: ca.SX) -> ca.SX:
             q[pin_joint.idx_q : pin_joint.idx_q + 2] = ca.vertcat(ca.cos(position), ca.sin(position))
         else:
             q[pin_joint.idx_q] = position
-    # jacobian rows and wanted velocities of all tips: positions, and orientations where controlled
+    # jacobian rows and desired velocities of all tips: positions, and orientations where controlled
     kinematics = forward_kinematics(model, q)
     plant, rows, tip_velocities = robot.plant, [], []
     for tip in robot.tips:

@@ -98,7 +98,7 @@ class ResolvedRate(RobotController):
         # Held joints keep their rates; the others perform the tasks with the remaining columns.
         moving = 1 - locked
         tasks = [replace(task, rows=ca.mtimes(task.rows, ca.diag(moving))) for task in tasks]
-        desired_rates = _resolved(tasks, [task.wanted - task.velocity for task in tasks], rates)
+        desired_rates = _resolved(tasks, [task.desired - task.velocity for task in tasks], rates)
         desired_acceleration = _resolved(
             tasks, [task.acceleration for task in tasks], ca.SX(rates.shape[0], 1)
         )
@@ -185,21 +185,21 @@ class _Task:
     Attributes:
         rows: Velocity per joint rate (k x n).
         velocity: Present velocity (k x 1).
-        wanted: Desired velocity (k x 1).
+        desired: Desired velocity (k x 1).
         acceleration: Desired acceleration minus that at zero joint acceleration (k x 1).
         damping: Damping of the pseudo-inverse (1x1); None for the task of the base, which has none.
     """
 
     rows: ca.SX
     velocity: ca.SX
-    wanted: ca.SX
+    desired: ca.SX
     acceleration: ca.SX
     damping: ca.SX | None = None
 
     @classmethod
     def of(cls, several: list[_Task], damping: ca.SX) -> _Task:
         """Several as one."""
-        names = ("rows", "velocity", "wanted", "acceleration")
+        names = ("rows", "velocity", "desired", "acceleration")
         parts = {name: ca.vertcat(*(getattr(task, name) for task in several)) for name in names}
         return cls(**parts, damping=damping)
 

@@ -465,7 +465,8 @@ class ReferenceContext(SectionContext):
         tip: Frame of the tip.
         links: Frames of the target's links, by name.
         target: Joints of the target, root first; empty if its base is fixed.
-        shown: Function from a signal's name and value (3x1) to the sensor's reading; None without sensors.
+        reading_of: Function from a signal's name and value (3x1) to the sensor's reading; None without
+            sensors.
         held: Function from a signal's name, its present reading (n x 1) and the origin of the measurement (n
             x 1, zero if None) to the value in use: the reading, or the reading at the sensor's last sample.
         estimates: Estimates of the robot's filters, by signal; see :class:`Contribution`.
@@ -475,7 +476,7 @@ class ReferenceContext(SectionContext):
     tip: int
     links: Mapping[str, int]
     target: tuple[int, ...]
-    shown: Callable[[str, ca.SX], ca.SX | None]
+    reading_of: Callable[[str, ca.SX], ca.SX | None]
     held: Callable[[str, ca.SX, ca.SX | None], ca.SX]
     estimates: Mapping[str, Callable[[ca.SX], ca.SX]]
 

@@ -147,13 +147,13 @@ class Goal(Element):
         """
         raise NotImplementedError
 
-    def kept(self, own: Reference | None) -> dict[str, Any]:
+    def kept(self, scenario_reference: Reference | None) -> dict[str, Any]:
         """Section of a reference that keeps the goal satisfied after the plan.
 
         Args:
-            own: Reference of the tip after the plan by the scenario.
+            scenario_reference: Reference of the tip after the plan by the scenario.
         """
-        del own
+        del scenario_reference
         return {"kind": "hold"}
 
     @required()

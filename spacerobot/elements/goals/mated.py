@@ -158,11 +158,11 @@ class Mated(TipGoal):
         mate = instant.mating(self.frame)
         return mate.origin - self.standoff * ca.mtimes(mate.rotation, unit(self.axis))
 
-    def kept(self, own: Reference | None) -> dict[str, Any]:
+    def kept(self, scenario_reference: Reference | None) -> dict[str, Any]:
         """Section of a reference that stays at the mating frame: the tip's own one if it ends there too."""
         document = None
-        if own is not None and own.follows == self.frame:
-            document = own.from_standoff(self.standoff)
+        if scenario_reference is not None and scenario_reference.follows == self.frame:
+            document = scenario_reference.from_standoff(self.standoff)
         if document is None:
             document = {"kind": "rendezvous", "frame": self.frame, "end_distance": self.standoff}
             document |= {"axis": self.axis, "mated_deg": self.mated_deg}

@@ -228,20 +228,20 @@ class PlanInstant(Protocol):
             key: Key of the section that names it.
         """
 
-    def joints(self, robot: str, given: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
+    def joints(self, robot: str, values: Mapping[str, T], key: str) -> Iterator[tuple[JointCoordinate, T]]:
         """Joints of a robot that match patterns, each with the value of its pattern.
 
         Args:
             robot: Name of the robot.
-            given: Values by joint name or pattern.
+            values: Values by joint name or pattern.
             key: Key of the section that holds them.
         """
 
-    def turned(self, wanted: ca.SX, found: ca.SX) -> ca.SX:
+    def turned(self, desired: ca.SX, actual: ca.SX) -> ca.SX:
         """Rotation vector from one orientation to another [rad], in the axes of the first.
 
         Args:
-            wanted, found: Orientations to start from and to reach, as rotations to world axes (3x3 each).
+            desired, actual: Orientations to start from and to reach, as rotations to world axes (3x3 each).
 
         Returns:
             casadi.SX: Vector with as many entries as :attr:`turns`.

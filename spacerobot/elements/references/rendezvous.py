@@ -192,7 +192,7 @@ class _Seen:
 
         def read(signal: str, truth: ca.SX, axes: tuple[int, ...], origin: ca.SX | None = None) -> ca.SX:
             value = truth if origin is None else truth - origin
-            reading = context.shown(signal, value)
+            reading = context.reading_of(signal, value)
             if reading is None:
                 return truth
             return context.held(signal, truth + only(reading - value, axes), origin)

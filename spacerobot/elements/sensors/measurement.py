@@ -130,17 +130,17 @@ class Observation:
     """Signal in the view of its sensor.
 
     Attributes:
-        shown: Present value with offset and scale (n x 1); for an attitude, its error about the scene's
+        reading: Present value with offset and scale (n x 1); for an attitude, its error about the scene's
             rotation axes.
         distance: Distance to the target (1x1) [m], for a sensor that observes it.
         attitude: True attitude (3x3) of an attitude measurement; None for a vector.
-        origin: Origin of the measurement: a part of ``shown`` (n x 1), or the attitude (3x3) from which the
+        origin: Origin of the measurement: a part of ``reading`` (n x 1), or the attitude (3x3) from which the
             rotation vector of ``attitude`` is measured; None for zero.
         stamped: Whether a sample ends with its time, -1 for none; a dropped sample keeps the time of the last
             one.
     """
 
-    shown: ca.SX
+    reading: ca.SX
     distance: ca.SX | None = None
     attitude: ca.SX | None = None
     origin: ca.SX | None = None
@@ -152,7 +152,7 @@ class Observation:
         """Sample (m x 1) of an observation.
 
         Args:
-            observation: Observation (n x 1), as ``shown``.
+            observation: Observation (n x 1), as ``reading``.
             time: Time of the sample (1x1) [s].
             coarsen: Function from the measured signal (n x 1) to the output numbers, such as quantisation;
                 None for the identity.
@@ -208,7 +208,7 @@ class Measurement:
     """Last measurement of a signal.
 
     Attributes:
-        shown: Present reading of the sensor (n x 1).
+        reading: Present reading of the sensor (n x 1).
         value: State that holds the last sample.
         states, events: States of the sensor, and events at its sample instants.
         samples: Number of samples taken.
@@ -216,7 +216,7 @@ class Measurement:
         continuous: Reading of a continuous sensor that may fail (n x 1).
     """
 
-    shown: ca.SX
+    reading: ca.SX
     value: State
     states: tuple[State, ...]
     events: tuple[Event, ...]
@@ -269,9 +269,9 @@ class Measurement:
         """
         period = context.steady("period")
         clock = Clock.of(f"{name}.samples", context.time, period)
-        value = memory(f"{name}.measured", observed.sample(observed.shown, ca.SX(-1)))
+        value = memory(f"{name}.measured", observed.sample(observed.reading, ca.SX(-1)))
         # a sample (m x 1), stored states with their new values, and the bias (n x 1)
-        sample, updated_states = observed.shown, list[tuple[State, ca.SX]]()
+        sample, updated_states = observed.reading, list[tuple[State, ca.SX]]()
         size, root, number = sample.size1(), ca.sqrt(context.steady("period")), clock.count.symbol
         rows = math.ceil(context.parameters.value("simulation.duration") / errors.period) + 2
         begins, walks = (not context.is_zero(key) for key in ("bias", "bias_walk"))
@@ -295,7 +295,7 @@ class Measurement:
             sample = sample + sensor.drift
         sample = observed.sample(sample, clock.instant, errors.coarsening(context))
         if errors.dropout or sensor is not None:
-            last = memory(f"{name}.last", observed.sample(observed.shown, ca.SX(-1)))
+            last = memory(f"{name}.last", observed.sample(observed.reading, ca.SX(-1)))
             if errors.dropout:
                 far = NormalDist().inv_cdf(1 - errors.dropout / 2)  # both tails: a number of zero loses none
                 lost = ca.fabs(context.random(f"{name}.dropout", rows, 1, number)) > far
@@ -315,7 +315,7 @@ class Measurement:
             later_events.append(line.event("measured"))
         steps = not context.is_zero("resolution")
         due = clock.event(f"{name}.sampled", "measured", name, updates, silent=True, quantised=steps)
-        return cls(observed.shown, value, (*states, clock.count), (due, *later_events), clock.count, bias)
+        return cls(observed.reading, value, (*states, clock.count), (due, *later_events), clock.count, bias)
 
 
 def places_of(value: ca.SX) -> list[tuple[int, int]]:

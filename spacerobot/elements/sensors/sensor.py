@@ -70,8 +70,8 @@ class Sensor(Element):
             errors_context = context.at(f"{context.path}.errors")
             return Measurement.of(name, errors_context, self.errors, observed, failing)
         if self.holds:
-            return Measurement.held(name, context, observed.shown, failing)
-        return None if failing is None else Measurement.failing(name, observed.shown, failing)
+            return Measurement.held(name, context, observed.reading, failing)
+        return None if failing is None else Measurement.failing(name, observed.reading, failing)
 
     def aligned(self, context: SectionContext, value: ca.SX, axes: ca.SX | None) -> ca.SX:
         """Signal as measured in a sensor's misaligned axes.

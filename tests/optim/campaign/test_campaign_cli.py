@@ -62,8 +62,8 @@ def test_a_sample_that_no_base_can_close_fails_by_the_grasps_name(invoke, tmp_pa
     count = told["failure"]["unclosed"]["count"]
     assert 0 < count < 16
     assert told["failure"]["diverged"]["count"] == 0
-    (doubt,) = summary["doubts"]
-    assert doubt.startswith(
+    (caveat,) = summary["caveats"]
+    assert caveat.startswith(
         f"gains scenario: {count} of 16 samples fail before they begin; the first: grasps.left"
     )
     assert told["worst"][0]["unclosed"] is None

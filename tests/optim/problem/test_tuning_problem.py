@@ -201,11 +201,11 @@ def test_the_step_is_refined_where_it_falsifies_the_derivatives_at_the_best_poin
     motion = {"target.base.position": [1.9, 0.05, 0], "target.base.velocity": [-0.5, 0, 0]}
     simulation = {"simulation.duration": 0.4, "simulation.output_step": 0.1, "contacts.bump.friction": 0.9}
     problem = build_problem(load_scene("bounce", {"tuning": tuning, **motion, **simulation}))
-    assert problem.step_doubt(problem.start).startswith("inaccurate: step: half the step changes")
+    assert problem.step_warning(problem.start).startswith("inaccurate: step: half the step changes")
     found = tune(problem)
     assert "tuned again with a step of 0.005 s, because half" in found.message
     fine = problem.refined
-    assert not fine.step_doubt(found.outcome.best.u)
+    assert not fine.step_warning(found.outcome.best.u)
     assert found.objective == pytest.approx(fine.evaluate(found.outcome.best.u[None]).objective[0])
     assert fine.recipe.key != problem.recipe.key
 

@@ -69,7 +69,7 @@ def test_a_best_design_whose_ledger_is_open_is_marked_in_tables_and_on_the_page(
     }
     file.write_text(json.dumps(data))
     told = "the ledger of nlp's best is open (momentum drift 32 % linear): do not trust it"
-    assert any(told in line for line in tables.doubts(data["problems"][0]))
+    assert any(told in line for line in tables.caveats(data["problems"][0]))
     assert told in tables.markdown({**data, "problems": data["problems"][:1]})
     page = comparison_report(folder)
     assert html.escape(told) in page
@@ -83,7 +83,7 @@ def test_a_best_design_whose_contacts_are_too_deep_is_marked_likewise(undrawn, f
     data["problems"][0]["methods"]["nlp"]["best"] |= {"trusted": False, "open": [], "deep": deep}
     file.write_text(json.dumps(data))
     told = f"bodies pass into each other in nlp's best ({deep[0]}): do not trust it"
-    assert [told in line for line in tables.doubts(data["problems"][0])] == [True]
+    assert [told in line for line in tables.caveats(data["problems"][0])] == [True]
     page = comparison_report(folder)
     assert html.escape(told) in page
     assert page.count("(too deep)") == 1

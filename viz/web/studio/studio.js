@@ -273,13 +273,13 @@ export class Studio {
     const metric = this.worn.metrics.find(({ key }) => key === this.metric), { d } = this.slopes;
     const largest = Math.max(0, ...[...this.sliders.keys()].map((path) => this.effect(path)));
     for (const [path, slider] of this.sliders) slider.point(d[path], metric, largest);
-    $("doubt").textContent = this.doubt;
-    $("doubt").hidden = !this.doubt;
+    $("slopes-notice").textContent = this.slopesNotice;
+    $("slopes-notice").hidden = !this.slopesNotice;
     $("sort").disabled = !(largest > 0);
   }
 
-  // What is to be said of the slopes.
-  get doubt() {
+  // Text about the accuracy of the slopes, empty if they are exact.
+  get slopesNotice() {
     const { slopes: { status }, pieces } = this;
     if (status === "differences") return `Sensitivities (change for +10 %) are finite differences of rollouts until exact gradients are compiled${pieces ? ` (${pieces})` : ""}.`;
     if (!status) return this.asked && this.asked === this.slopes.of ? "Sensitivities (change for +10 %) are being computed." : "";

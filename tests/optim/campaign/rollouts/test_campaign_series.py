@@ -199,7 +199,7 @@ def test_bands_are_numpys_percentiles(whole, monkeypatch):
     known = np.percentile(kept, [0, 5, 50, 95, 100], axis=0)
     bands = [found.least, found.low, found.median, found.high, found.greatest]
     assert np.array(bands) == pytest.approx(known, rel=1e-12, abs=1e-18)
-    assert np.array_equal(found.shown, kept[41])
+    assert np.array_equal(found.sample_values, kept[41])
     assert (found.left == 100).all()
     with pytest.raises(ResultError, match="did you mean tip_error"):
         read_bands(whole.folder, "tip_eror", "soft", 41)

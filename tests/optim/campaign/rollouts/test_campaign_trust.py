@@ -7,7 +7,7 @@ import xarray as xr
 from optim.campaign.analysis.samples import simulate_sample
 from optim.campaign.analysis.summary import summarise
 from optim.campaign.rollouts.evaluator import build_evaluator
-from optim.campaign.rollouts.trust import DEPTH, DRIFT, RESIDUAL, doubts, drift_of, residual_of, untrusted
+from optim.campaign.rollouts.trust import DEPTH, DRIFT, RESIDUAL, caveats, drift_of, residual_of, untrusted
 from optim.campaign.run import run_campaign
 from optim.campaign.store.netcdf import load_campaign
 from spacerobot.scene import load_scene
@@ -66,18 +66,18 @@ def test_a_campaign_with_steps_that_are_too_long_says_so(small, tmp_path):
     assert told["count"] == ((drift > 0.01) | (residual > 0.01)).sum() > 0
     assert told["largest"] == {DRIFT: np.nanmax(drift), RESIDUAL: np.nanmax(residual)}
     assert told["of"] == np.isfinite(drift).sum()
-    (sentence,) = summary["doubts"]
+    (sentence,) = summary["caveats"]
     assert f"{told['count']} of {told['of']} completed rollouts leave the ledger open" in sentence
     assert "shorter than 0.25 s" in sentence
     nobody = untrusted(data, {"all": np.ones(16, bool)})
     assert nobody["all"]["not_failed"] == 0
-    assert "all of them count as failed" in doubts(nobody, ran.evaluator.campaign)[0]
+    assert "all of them count as failed" in caveats(nobody, ran.evaluator.campaign)[0]
 
 
 def test_nothing_is_said_where_all_is_well_or_momentum_is_not_constant(small, tmp_path):
     ran = run_campaign(small(campaign__samples=8), tmp_path / "fine")
     summary = summarise(ran.folder, ran.evaluator)
-    assert summary["doubts"] == []
+    assert summary["caveats"] == []
     assert summary["untrusted"]["soft"]["largest"][DRIFT] < 1e-4
     held = small(campaign__samples=8, gravity=[0, -0.1, 0])
     ran = run_campaign(held, tmp_path / "held")
@@ -98,7 +98,7 @@ def test_energy_is_judged_where_momentum_is_not_constant(small, tmp_path):
     ran = run_campaign(rough, tmp_path / "rough")
     summary = summarise(ran.folder, ran.evaluator)
     assert summary["untrusted"]["all"]["count"] > 0
-    assert "energy residual at most" in summary["doubts"][0]
+    assert "energy residual at most" in summary["caveats"][0]
 
 
 def test_indentation_counts_as_in_a_run(tmp_path):
@@ -123,12 +123,12 @@ def test_indentation_counts_as_in_a_run(tmp_path):
         run = simulate(load_scene("bounce", {**soft, "target.base.velocity.0": speed}), backend="interpreted")
         assert ("deep" in run.summary["status"]) is bool(depth > 0.5)
         assert ("stiffer contact" in (run.summary["status"]["advice"] or "")) is bool(depth > 0.5)
-        doubts_of_run = [w for w in run.summary["warnings"] if "bodies pass into each other" in w]
-        assert len(doubts_of_run) == int(depth > 0.5)
+        caveats_of_run = [w for w in run.summary["warnings"] if "bodies pass into each other" in w]
+        assert len(caveats_of_run) == int(depth > 0.5)
     data = xr.Dataset({DEPTH: (("gains", "sample", "contact"), found[None, :, None])}, {"gains": ["all"]})
     told = untrusted(data, {"all": np.zeros(2, bool)})
     assert (told["all"]["count"], told["all"]["of"]) == (1, 2)
-    (sentence,) = doubts(told, evaluator.campaign)
+    (sentence,) = caveats(told, evaluator.campaign)
     assert "1 of 2 completed rollouts press bodies too deep into each other" in sentence
     assert "a stiffer contact" in sentence
     assert "campaign.step" not in sentence
