@@ -146,8 +146,7 @@ def pairs(title: str | None, rows: Sequence[Sequence[str]], width: int) -> RichT
 
 
 def _bounds(column: Sequence[str], prose: int = LEAST_PROSE[0]) -> tuple[int, int, int]:
-    """Widths of a column: the minimum, that of the longest line in cells, and that of the longest line of
-    all.
+    """Widths of a column: the minimum, that of the longest line in cells, and that of the longest line.
 
     The minimum breaks no word, and leaves long texts in cells a width of ``prose`` to wrap in.
     """
@@ -161,8 +160,8 @@ def _shared(bounds: Sequence[tuple[int, int, int]], room: int) -> list[int]:
     """Widths of columns in a limited room.
 
     From their minimum widths, columns grow up to a common limit: first to the width of their cells, then to
-        that
-    of their headings, as long as the sum fits. If the minimum widths do not fit, the widest columns shrink.
+    that of their headings, as long as the sum fits. If the minimum widths do not fit, the widest columns
+    shrink.
     """
     widths = [least for least, _, _ in bounds]
     for kind in (1, 2):

@@ -81,14 +81,14 @@ def plan_costs(duration_s: float, dampings: Sequence[float]) -> Document:
     return {"torque": short(torque, 1), "joint_acceleration": short(acceleration, 1)}
 
 
-def surface_point(order: DraftRequest, file: StrPath) -> tuple[DraftRequest, Path, str]:
+def surface_point(request: DraftRequest, file: StrPath) -> tuple[DraftRequest, Path, str]:
     """Request for a URDF of the object that has a mating frame at the requested point of the surface.
 
     The frame's x axis points into the object: along that axis of the root link which is nearest to the
     direction from the point to the root link's centre of mass.
 
     Args:
-        order: Request with a point.
+        request: Request with a point of the object's surface.
         file: File of the scenario, in whose folder the caller writes the URDF.
 
     Returns:
@@ -98,14 +98,14 @@ def surface_point(order: DraftRequest, file: StrPath) -> tuple[DraftRequest, Pat
         ScenarioError, DescriptionError: If the point is no three numbers or the centre of mass, the request
             has mating frames too, or the URDF cannot be used.
     """
-    point, file = order.point or (), Path(file).absolute()
-    if len(point) != 3 or order.frames:
+    point, file = request.point or (), Path(file).absolute()
+    if len(point) != 3 or request.frames:
         place = ",".join(f"{x:g}" for x in point)
         raise ScenarioError(
             f"found {place or 'nothing'!r}, allowed: x,y,z [m] on the object's root link, without --frame",
             where="--point",
         )
-    _, description = read(order.target, file.parent)
+    _, description = read(request.target, file.parent)
     root = next(link for link in description.links if link.name == description.root)
     inward = root.com - np.array(point)
     along = np.zeros(3)
@@ -122,7 +122,7 @@ def surface_point(order: DraftRequest, file: StrPath) -> tuple[DraftRequest, Pat
     mount = UrdfJoint(f"{POINT}_mount", "fixed", root.name, POINT, origin, np.array([1.0, 0, 0]))
     text = urdf_xml(description.path.stem, [*description.links, frame], [*description.joints, mount], "")
     urdf = file.with_name(f"{file.stem}_target.urdf")
-    return replace(order, target=str(urdf), frames=[POINT], point=None), urdf, text
+    return replace(request, target=str(urdf), frames=[POINT], point=None), urdf, text
 
 
 def draft_capture(order: DraftRequest, file: StrPath) -> tuple[str, Scene]:

@@ -162,7 +162,8 @@ class MarginAnalysis(Tabular):
         Of more than :data:`MOST_INSTANTS` instants, only the smallest disk margins over time.
         """
         count = len(self.loops[0]) if self.loops else 0
-        note = f"These are the {MOST_LOOPS} of {count} loops with the smallest disk margins."
+        smallest = f"These are the {MOST_LOOPS} of {count} loops with the smallest disk margins"
+        note = f"{smallest}; the saved file (--out) has all."
         omission = [note] if count > MOST_LOOPS else []
         if len(self.loops) > MOST_INSTANTS:
             return [*self.least_margins(), *omission]

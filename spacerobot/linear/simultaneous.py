@@ -82,7 +82,7 @@ def simultaneous_margins(
     Args:
         scene: The scene, or the name or file of its scenario.
         at: Instants, as in :func:`spacerobot.linearise`.
-        loops: Break points, ``torque/*``.
+        loops: Pattern of break points, such as ``torque/*``.
         backend, progress: See :func:`spacerobot.simulate`.
 
     Raises:

@@ -185,7 +185,6 @@ def _read_tle(lines: list[str], source: Path) -> OrbitEphemeris:
     epoch = start + datetime.timedelta(days=satellite.epochdays - 1)
 
     def state(time: datetime.datetime) -> Array:
-        """Position [m] and velocity [m/s] (6,) at a time, interpolated between the states of the file."""
         """Position and velocity (6,) [m, m/s] at a time, by SGP4."""
         minutes = (time - epoch) / datetime.timedelta(minutes=1)
         code, position, velocity = satellite.sgp4_tsince(minutes)
@@ -232,6 +231,7 @@ def _read_oem(lines: list[str], source: Path) -> OrbitEphemeris:
     states = 1e3 * np.array([numbers for _, numbers in rows])
 
     def state(time: datetime.datetime) -> Array:
+        """Position and velocity (6,) [m, m/s] at a time, interpolated between the states of the file."""
         from scipy.interpolate import KroghInterpolator
 
         seconds = (time - first).total_seconds()

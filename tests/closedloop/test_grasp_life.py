@@ -8,7 +8,7 @@ from spacerobot.closedloop import build_closed_loop
 from spacerobot.common.errors import ScenarioError
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from spacerobot.rollout import build_rollout
-from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
+from tests.oracles.free_bodies import DEEP, ENVELOPE, FLAT, free_bodies
 from tests.oracles.hybrid import roll
 from tests.oracles.small_scenes import random_x
 
@@ -108,15 +108,6 @@ def test_a_weld_in_flight_makes_one_body(tmp_path, bases):
     arm = motion_of_tip(scene, event.before)["tip"].position - c
     turning = couple + np.cross(arm, impulse)
     np.testing.assert_allclose((inertia @ (turned - spin))[axes], turning[axes], atol=1e-13)
-
-
-ENVELOPE = {
-    "distance": 0.09,
-    "misalignment_deg": 8,
-    "closing_speed": 0.2,
-    "lateral_speed": 0.15,
-    "spin_deg": 20,
-}
 
 
 def motion_of_tip(scene, x):

@@ -11,22 +11,13 @@ import pytest
 
 from spacerobot.pinocchio_engine.mechanical_state import MechanicalState
 from tests.oracles.motions import DesiredMotions
-from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
+from tests.oracles.small_scenes import ARM_SIGNALS, PLANAR, SPATIAL, random_x, small_scene
 
 TIP = "robots.one.tips.tip"
 TIMES = (0.3, 1.1)
 SENSED = {
     f"robots.one.sensors.{signal}": {"offset": 0.01 * (i + 1), "scale": 1 + 0.03 * (i + 1)}
-    for i, signal in enumerate(
-        (
-            "joint_position",
-            "joint_rate",
-            "tip_position",
-            "tip_velocity",
-            "tip_orientation",
-            "tip_angular_velocity",
-        )
-    )
+    for i, signal in enumerate(ARM_SIGNALS)
 }
 
 

@@ -27,6 +27,15 @@ DEEP = {
     "target": {"joint": "free_flyer", "velocity": [-0.01, 0.02, 0.01], "spin_deg": [-3, 4, -5]},
 }
 
+ENVELOPE = {
+    "distance": 0.09,
+    "misalignment_deg": 8,
+    "closing_speed": 0.2,
+    "lateral_speed": 0.15,
+    "spin_deg": 20,
+}
+"""Limits of all kinds, within which the tip captures the mating frame."""
+
 
 def free_bodies(folder: Path, bases: Mapping[str, Any], grasp: Mapping[str, Any], **sections: Any) -> Scene:
     """Scene of the two, tip and mating frame 0.1 m apart along x, with one grasp called ``left``."""

@@ -64,6 +64,16 @@ FLAPPED_BOX = """<robot name="flapped_box">
   <origin xyz="0.3 0 0" rpy="0 0 3"/></joint>
 </robot>"""
 
+ARM_SIGNALS = (
+    "joint_position",
+    "joint_rate",
+    "tip_position",
+    "tip_velocity",
+    "tip_orientation",
+    "tip_angular_velocity",
+)
+"""Signals of the sensors of an arm and its tips."""
+
 PLANAR = """
 name: flat
 robots:

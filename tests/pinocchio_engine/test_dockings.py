@@ -11,7 +11,7 @@ from spacerobot.pinocchio_engine import simulate
 from spacerobot.rollout import build_rollout
 from spacerobot.scenario import Scenario
 from spacerobot.scene import build_scene
-from tests.oracles.free_bodies import DEEP, FLAT, free_bodies
+from tests.oracles.free_bodies import DEEP, ENVELOPE, FLAT, free_bodies
 
 BASES = pytest.mark.parametrize("bases", [FLAT, DEEP], ids=["planar", "spatial"])
 INNER = ("reference", "clipped", "unclipped")
@@ -68,23 +68,12 @@ def test_a_grasp_is_captured_drawn_in_and_released(tmp_path, bases, kind):
     assert names == ["left.entered", "left.captured", "left.drawn", "left.released"]
 
 
-ENVELOPE = {
-    "distance": 0.09,
-    "misalignment_deg": 8,
-    "closing_speed": 0.2,
-    "lateral_speed": 0.15,
-    "spin_deg": 20,
-    "axis": [1, 0.3, 0],
-    "mated_deg": [0, 0, 5],
-}
-
-
 @BASES
 @pytest.mark.parametrize(
     ("grasp", "names"),
     {
         "an envelope of all limits": (
-            {"kind": "weld", "capture": ENVELOPE},
+            {"kind": "weld", "capture": ENVELOPE | {"axis": [1, 0.3, 0], "mated_deg": [0, 0, 5]}},
             ["left.captured"],
         ),
         "a time": ({"kind": "point", "capture": {"at": 0.37}}, ["left.captured"]),

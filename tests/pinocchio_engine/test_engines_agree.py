@@ -8,22 +8,12 @@ import pytest
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.pinocchio_engine import PinocchioLoop
 from spacerobot.scene import load_scene
-from tests.oracles.small_scenes import PLANAR, SPATIAL, random_x, small_scene
+from tests.oracles.small_scenes import ARM_SIGNALS, PLANAR, SPATIAL, random_x, small_scene
 
 ONE, TWO = "robots.one.tips.tip", "robots.two.tips.tip"
 TURNING = {"kp": 3, "ki": 2, "kd": 0.7}
 SENSORS = {
-    name: {"offset": 0.01 * (i + 1), "scale": 1 + 0.03 * (i - 2)}
-    for i, name in enumerate(
-        (
-            "joint_position",
-            "joint_rate",
-            "tip_position",
-            "tip_velocity",
-            "tip_orientation",
-            "tip_angular_velocity",
-        )
-    )
+    name: {"offset": 0.01 * (i + 1), "scale": 1 + 0.03 * (i - 2)} for i, name in enumerate(ARM_SIGNALS)
 }
 SPLINE = {
     "kind": "spline",

@@ -10,6 +10,7 @@ sr.load_plugin(Path(__file__).with_name("lemniscate.py"))
 
 
 def test_the_reference_is_a_lemniscate_that_returns_to_its_crossing():
+    """References of all tips satisfy the equation of a lemniscate of Gerono, and end where they begin."""
     size = 0.05
     changes = {
         "robots.*.tips.tip.reference": {"kind": "lemniscate", "size": size, "duration": 1},

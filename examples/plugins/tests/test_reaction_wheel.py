@@ -14,6 +14,7 @@ def simulate(actuators):
 
 
 def test_the_wheel_takes_up_momentum_of_the_base():
+    """With the wheel the base turns less, and momentum and energy are conserved."""
     result, without = simulate({"yaw": {"kind": "reaction_wheel"}}), simulate({})
     assert abs(result.data.wheel_speed.sel(body="servicer").values).max() > 0
     # the audit counts the wheel: nothing is lost

@@ -10,6 +10,7 @@ sr.load_plugin(Path(__file__).with_name("tip_speed.py"))
 
 
 def test_the_quantity_is_the_root_mean_square_of_the_tip_speed():
+    """The quantity equals the integral of the simulated tip velocity."""
     path = "robots.rpr1.tips.tip.pid.kp"
     scene = sr.load_scene("paper", {"simulation.duration": 0.5, "simulation.output_step": 0.002, path: 400})
     velocity = sr.simulate(scene, backend="interpreted").data.tip_velocity

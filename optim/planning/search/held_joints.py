@@ -70,8 +70,8 @@ def scene_with_joints_held(scene: Scene) -> Scene:
         if len({label.partition("/")[0] for label in labels}) > 1:
             others[name] = zone.model_dump(mode="json")
     changes.append(("plan.keep_out", others))
-    held = build_scene(scene.scenario, changes, source=scene.source)
-    (phase,) = formulate_phases(held)
+    held_scene = build_scene(scene.scenario, changes, source=scene.source)
+    (phase,) = formulate_phases(held_scene)
     cost_names = {"time", *phase.problem.terms, *phase.problem.ends}
     changes += [
         (f"plan.costs.{name}", {"kind": cost.kind, "weight": 0.0})
@@ -93,11 +93,14 @@ def motion_with_joints(problem: PlanningProblem, held: Motion) -> Motion:
     q = np.tile(problem.fixed[: model.nq], (count, 1))
     v, a = np.zeros((count, model.nv)), np.zeros((count, model.nv))
     for joint in range(1, fewer.njoints):
-        there = model.joints[model.getJointId(fewer.names[joint])]
-        here = fewer.joints[joint]
-        q[:, there.idx_q : there.idx_q + there.nq] = held.q[:, here.idx_q : here.idx_q + here.nq]
-        for values, of_fewer in ((v, held.v), (a, held.a)):
-            values[:, there.idx_v : there.idx_v + there.nv] = of_fewer[:, here.idx_v : here.idx_v + here.nv]
+        of_model = model.joints[model.getJointId(fewer.names[joint])]
+        of_fewer = fewer.joints[joint]
+        columns = slice(of_fewer.idx_v, of_fewer.idx_v + of_fewer.nv)
+        q[:, of_model.idx_q : of_model.idx_q + of_model.nq] = held.q[
+            :, of_fewer.idx_q : of_fewer.idx_q + of_fewer.nq
+        ]
+        for values, held_values in ((v, held.v), (a, held.a)):
+            values[:, of_model.idx_v : of_model.idx_v + of_model.nv] = held_values[:, columns]
     rest = np.zeros((count, stage.u.numel() + stage.w.numel() + stage.s.numel()))
     z = np.hstack([q, v, a, rest])
     drives = slice(model.nq + 2 * model.nv, model.nq + 2 * model.nv + stage.u.numel())

@@ -280,18 +280,16 @@ class _AttitudeFilterLaw:
         )
 
     def _present(self, clock: Clock) -> tuple[ca.SX, ca.SX]:
-        """Attitude and covariance at the present time: those of the last update, turned on by its spin.
+        """Attitude and covariance at the present time, propagated from the last update by the last sample.
 
-        Controllers read the attitude of the last update, which is held. Its covariance is that of the
-        instant of the update, so that the held attitude of a base that turns is off by many deviations.
+        Controllers read the attitude of the last update, which is held. On a base that turns, its error grows
+        between updates by many standard deviations of the update.
         """
         n, axes, period = self.size, list(self.axes), self.robot.errors(GYRO).steady("period")
         since = self.robot.context.time - ca.fmax(clock.count.symbol - 1, 0) * period
-        attitude, covariance = (
-            attitude_of(self.attitude.symbol),
-            symmetric(self.covariance.symbol, self._count),
-        )
-        # the error of the last sample without bias acts for the whole time, unlike in the mean of two samples
+        attitude = attitude_of(self.attitude.symbol)
+        covariance = symmetric(self.covariance.symbol, self._count)
+        # the noise of the last sample acts for the whole time; in the mean of two samples its half does
         lever, transition = since * attitude[axes, axes], ca.SX.eye(self._count)
         transition[:n, n : 2 * n] = transition[:n, 2 * n : 3 * n] = -lever
         covariance = ca.mtimes(transition, ca.mtimes(covariance, transition.T))

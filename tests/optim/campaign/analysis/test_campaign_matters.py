@@ -165,7 +165,7 @@ class Bands:
 
     low = property(lambda self: self.median - np.array([0.01, 0]))
     high = property(lambda self: self.median + np.array([0.01, 0]))
-    shown = median
+    sample_values = median
 
 
 def test_bands_show_what_moves_and_cut_what_runs_away():
