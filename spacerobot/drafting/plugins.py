@@ -88,7 +88,7 @@ def plugin_test(family: str, file: Path) -> str:
         SpaceRobotError: As :func:`plugin_template`.
     """
     example = _example(family)
-    return _text(f"tests/test_{example}.py").replace(f'"{example}.py"', json.dumps(file.name))
+    return _text(f"test_{example}.py").replace(f'"{example}.py"', json.dumps(file.name))
 
 
 def plugin_test_file(file: Path) -> Path:

@@ -15,7 +15,8 @@ from spacerobot.drafting.plugins import TEMPLATES, plugin_command, plugin_templa
 from tests import forks
 
 ROOT = Path(__file__).parents[2]
-PLUGINS = sorted(path.stem for path in (ROOT / "examples" / "plugins").glob("*.py"))
+FILES = (ROOT / "examples" / "plugins").glob("*.py")
+PLUGINS = sorted(file.stem for file in FILES if not file.stem.startswith("test_"))
 
 SCRIPT = """
 import sys

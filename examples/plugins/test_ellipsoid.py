@@ -20,6 +20,7 @@ def gaps(measures):
 
 
 def test_an_ellipsoid_with_equal_semi_axes_is_a_sphere():
+    """Distances of an ellipsoid with equal semi-axes are those of a sphere of this radius."""
     sphere = gaps({"kind": "sphere", "radius": 0.07})
     assert sphere.min() < 0  # they touch
     np.testing.assert_allclose(gaps({"kind": "ellipsoid", "semi_axes": [0.07] * 3}), sphere, atol=1e-6)

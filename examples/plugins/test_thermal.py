@@ -18,11 +18,13 @@ def tip_positions(sensor):
 
 
 def test_the_sensor_is_exact_at_the_temperature_of_its_calibration():
+    """At the temperature of its calibration the sensor changes nothing in a simulation."""
     calibrated = tip_positions({"kind": "thermal", "temperature": 20})
     np.testing.assert_array_equal(calibrated, tip_positions(IDEAL))
 
 
 def test_a_warm_sensor_has_the_error_of_a_linear_one():
+    """A warm sensor moves the tips as a sensor with the same offset and scale does."""
     # 25 K above the calibration scale the signal by 1 + 25 * 0.002
     warm = tip_positions({"kind": "thermal", "temperature": 45, "scale_by_kelvin": 2e-3})
     linear = tip_positions({"kind": "linear", "scale": 1.05})

@@ -10,6 +10,7 @@ sr.load_plugin(Path(__file__).with_name("bounded_spring.py"))
 
 
 def test_the_force_follows_the_law_of_a_spring_that_saturates():
+    """With a stiff spring the simulated forces are the law of the reference and the simulated positions."""
     spring = {"kind": "bounded_spring", "stiffness": 1e6, "damping": 0, "bound": 5}
     changes = {"robots.*.tips.tip.controllers": {"spring": spring}, "simulation.duration": 0.2}
     data = sr.simulate(sr.load_scene("paper", changes), backend="interpreted").data
