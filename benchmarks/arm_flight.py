@@ -151,7 +151,7 @@ class Chain:
         return np.array([self.mass, *(link.mass for link in self.links if link.mass)])
 
     @functools.cached_property
-    def moved(self) -> Array:
+    def mobility(self) -> Array:
         """Whether a joint moves a body (bodies, n): 1 or 0."""
         joints = np.cumsum([link.turns for link in self.links])
         before = [0, *(count for count, link in zip(joints, self.links, strict=True) if link.mass)]
@@ -170,7 +170,7 @@ class Chain:
         return placed
 
     def motion(self, angles: Array, rates: Array, spin: Array, speed: Array) -> ChainMotion:
-        """ChainMotion of all bodies at a state.
+        """Motion of all bodies at a state.
 
         Args:
             angles, rates: Of the joints (n,) each [rad], [rad/s].
@@ -191,13 +191,13 @@ class Chain:
         linear, angular = np.zeros((2, len(centres), 3, 6 + count))
         linear[:, :, :3] = angular[:, :, 3:6] = np.eye(3)
         linear[:, :, 3:6] = cross(np.eye(3)[None], centres[:, None]).transpose(0, 2, 1)
-        linear[:, :, 6:] = (self.moved[..., None] * cross(axes[None], arms)).transpose(0, 2, 1)
-        angular[:, :, 6:] = (self.moved[..., None] * axes[None]).transpose(0, 2, 1)
+        linear[:, :, 6:] = (self.mobility[..., None] * cross(axes[None], arms)).transpose(0, 2, 1)
+        angular[:, :, 6:] = (self.mobility[..., None] * axes[None]).transpose(0, 2, 1)
         velocities, relative = linear[:, :, 6:] @ rates, angular[:, :, 6:] @ rates
         curved = cross(turns[None], arms) + cross(axes[None], velocities[:, None] - moves[None])
         accelerations = cross(spin, speed) + cross(spin, cross(spin, centres)) + 2 * cross(spin, velocities)
-        accelerations = accelerations + np.einsum("bk,bkx,k->bx", self.moved, curved, rates)
-        turnings = cross(spin, relative) + np.einsum("bk,kx,k->bx", self.moved, turns, rates)
+        accelerations = accelerations + np.einsum("bk,bkx,k->bx", self.mobility, curved, rates)
+        turnings = cross(spin, relative) + np.einsum("bk,kx,k->bx", self.mobility, turns, rates)
         spins = spin + relative
         return ChainMotion(linear, angular, centres, inertias, spins, accelerations, turnings)
 
@@ -205,7 +205,7 @@ class Chain:
         """Matrix M and bias b of M s' + b = loads, for the generalized speeds s = (speed, spin, rates).
 
         Args:
-            motion: ChainMotion of all bodies.
+            motion: Motion of all bodies.
         """
         momenta = np.einsum("bij,bjk->bik", motion.inertias, motion.angular)
         matrix = np.einsum("b,bik,bil->kl", self.masses, motion.linear, motion.linear)
@@ -224,7 +224,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """ChainMotion of the bodies of a chain in the base's axes, the base first.
+    """Motion of the bodies of a chain in the base's axes, the base first.
 
     Attributes:
         linear, angular: Velocity and spin by generalized speed (bodies, 3, 6 + n) each.
