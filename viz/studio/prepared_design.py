@@ -260,9 +260,8 @@ class DesignCache:
                 changes[path] = value
                 continue
             # the section as one of another kind: keys that this does not know are left out
-            family = next(
-                (family for family in map(kinds, FAMILIES) if {section["kind"], value} <= set(family)), None
-            )
+            families = (family for family in map(kinds, FAMILIES) if section["kind"] in family)
+            family = next((family for family in families if value in list(family)), None)  # may be no name
             if family is None:
                 raise ScenarioError(f"found {value!r}, which is no kind of this section", where=path)
             fields = family[value].model_fields

@@ -94,7 +94,8 @@ def test_what_cannot_be_is_told_and_the_page_goes_on(page, values, path, words):
     assert (told["seq"], told["path"]) == (7, path)
     assert words in told["message"]
     page.ask("set", seq=8, values={})
-    assert _metric(page, page.take("rollout")) == _metric(page, page.first)
+    # the first may be by the interpreter, this by compiled code: the last bits differ
+    assert _metric(page, page.take("rollout")) == pytest.approx(_metric(page, page.first), rel=1e-9)
 
 
 def test_a_rollout_that_diverges_is_told_as_far_as_it_went(page):
