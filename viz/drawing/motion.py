@@ -26,6 +26,9 @@ GREY = np.array([0.6, 0.6, 0.6, 1.0])
 PAD = np.array([0.85, 0.45, 0.1, 1.0])
 """Colour of pads."""
 
+_FARTHEST = 3.0
+"""Diagonals of the initial box by which a diverged motion may exceed it in pictures."""
+
 
 FINISHES = {
     "foil": ("foil", "mli", "gold", "kapton"),
@@ -248,15 +251,15 @@ def place(scene: Scene, stage: SceneGeometry, q: Array, time: Array) -> BodyMoti
     return BodyMotion(nodes, rows, time, joints.origin[:, moving], quaternion, places, joints)
 
 
-def bounds(motion: BodyMotion, *, farthest: float = 3.0) -> tuple[Array, Array]:
+def bounds(motion: BodyMotion, *, diverged: bool = False) -> tuple[Array, Array]:
     """Lower and upper corner (3,) [m] of a box around all visible points at all times.
 
-    A diverged rollout may move bodies far away: the box exceeds the initial one by at most ``farthest`` times
-    its diagonal.
+    A rollout that diverged may move bodies far away: the box then exceeds the initial one by at most
+    ``_FARTHEST`` times its diagonal.
     """
     points = _seen_points(motion)
     low, high = points.min(axis=1), points.max(axis=1)
-    margin = farthest * float(np.linalg.norm(high[0] - low[0]))
+    margin = _FARTHEST * float(np.linalg.norm(high[0] - low[0])) if diverged else np.inf
     return np.maximum(low.min(axis=0), low[0] - margin), np.minimum(high.max(axis=0), high[0] + margin)
 
 

@@ -144,6 +144,6 @@ def draw_forces(
 
 def seen_points(result: Result, motion: BodyMotion) -> Array:
     """Points (k, 3) [m] that a picture of the whole motion must contain."""
-    low, high = bounds(motion)
+    low, high = bounds(motion, diverged=not result.completed)
     references = np.clip(result.data.tip_reference.values[motion.rows].reshape(-1, 3), low, high)
     return np.concatenate([extremes(motion, low, high), references])

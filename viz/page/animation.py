@@ -84,7 +84,7 @@ def shown_data(
     """Data of a page for prepared results, without the side panel."""
     meshes = Meshes(node for one in results for node in one.motion.nodes)
     # box around bodies and references, m
-    corners = [bounds(one.motion) for one in results]
+    corners = [bounds(one.motion, diverged=not one.result.completed) for one in results]
     references = [one.result.array("tip_reference")[one.motion.rows].reshape(-1, 3) for one in results]
     low = np.vstack([*(lowest for lowest, _ in corners), *references]).min(axis=0)
     high = np.vstack([*(highest for _, highest in corners), *references]).max(axis=0)

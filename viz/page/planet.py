@@ -45,7 +45,8 @@ def limb_view(view: View, planet: dict[str, Any] | None) -> View:
 
     At the start the planet's centre lies in the direction -x and its disc has the half angle
     ``arcsin(radius / distance)``. A direction d of sight with the angle g to -x looks at the limb, a little
-    off the middle of the picture, where ``g`` is that half angle and ``_OFF_LIMB_DEG``.
+    off the middle of the picture, where ``g`` is that half angle and ``_OFF_LIMB_DEG``. On a high orbit, where
+    no direction of the view's elevation has so small an angle, the view looks from the elevation ``g``.
 
     Args:
         view: View in which the arms are hidden least.
@@ -57,8 +58,8 @@ def limb_view(view: View, planet: dict[str, Any] | None) -> View:
     size = np.degrees(np.arcsin(min(1.0, planet["radius"] / float(planet["distance"][0]))))
     # d = -towards, so that cos g = d . (-x) is the first component of towards
     first = np.cos(np.radians(min(90.0, size + _OFF_LIMB_DEG))) / max(1e-9, np.hypot(x, y))
-    if abs(first) > 1:
-        return view
+    if first > 1:
+        return oblique(0.0, min(90.0, size + _OFF_LIMB_DEG))
     azimuth = np.degrees(np.arctan2(y, x))
     turns = [(sign * np.degrees(np.arccos(first)) - azimuth + 180) % 360 - 180 for sign in (1, -1)]
     return oblique(azimuth + min(turns, key=abs), np.degrees(np.arcsin(z)))

@@ -1,4 +1,4 @@
-"""Camera shots of a motion: the approach, a close-up of each capture, and the whole scene afterwards."""
+"""Camera shots of a motion: the approach, a close-up of each capture, and the whole scene; or a drift."""
 
 from __future__ import annotations
 
@@ -20,13 +20,17 @@ _TOGETHER = 0.02  # of it: captures that share a close-up
 _TURNING = 0.5
 """Fraction of the shorter of two shots in which the camera moves between them; as in ``camera.js``."""
 
+_APART, _DRIFT_SHOTS = 2.0, 8
+"""Ratio of the motion's box to the initial one from which a drift is divided into shots, and their number."""
+
 
 def shots(
     result: Result, scene: Scene, motion: BodyMotion, view: View, box: tuple[Array, Array]
 ) -> list[dict[str, Any]]:
     """Shots in order: start time ``time`` [s], visible ``points`` [m], and direction ``towards`` the viewer.
 
-    Empty without a capture: a single view then shows everything.
+    Without a capture the list is empty, and a single view shows everything; if bodies drift far apart,
+    a few shots of equal length show what is there at the time.
 
     Args:
         result, scene, motion: Result, its scene and its motion.
@@ -39,10 +43,12 @@ def shots(
         for e in result.summary.get("events", ())
         if e["kind"] == "captured"
     )
-    if not captures or len(time) < 3 or scene.target is None:
+    if len(time) < 3 or scene.target is None:
+        return []
+    if not captures and np.linalg.norm(box[1] - box[0]) < _APART * _diagonal(motion, 0, *box):
         return []
     # captures at almost the same time share a close-up; between others the camera changes halfway
-    groups = [[captures[0]]]
+    groups = [captures[:1]] if captures else []
     for before, capture in pairwise(captures):
         if capture[0] - before[0] < _TOGETHER * time[-1]:
             groups[-1].append(capture)
@@ -53,14 +59,14 @@ def shots(
         following = groups[k + 1][0][0] if k + 1 < len(groups) else np.inf
         begin = max(edges[-1], group[0][0] - _LEAD * time[-1])
         edges += [begin, min(time[-1], group[-1][0] + _TAIL * time[-1], (group[-1][0] + following) / 2)]
-    instants = [*edges, float(time[-1])]
+    instants = [*edges, float(time[-1])] if groups else np.linspace(0.0, time[-1], _DRIFT_SHOTS + 1).tolist()
     lasts = np.diff(instants)
     shot_list = []
     for k, (begin, end) in enumerate(pairwise(instants)):
         if end <= begin:
             continue
         shot_view = view
-        if k % 2 and not scene.planar:
+        if groups and k % 2 and not scene.planar:
             group = groups[k // 2]
             # tips and points of the grasps, from halfway through the approach to the close-up's end
             chosen = [grasp for _, grasp in group]
@@ -79,9 +85,9 @@ def shots(
         ]
         first, last = np.searchsorted(time, reached).clip(0, len(time) - 1)
         mates = motion.mates[first : last + 1].reshape(-1, 3)
-        points = np.vstack(
-            [extremes(_between(motion, first, last), *box), mates.min(axis=0), mates.max(axis=0)]
-        )
+        points = extremes(_between(motion, first, last), *box)
+        if len(mates):
+            points = np.vstack([points, mates.min(axis=0), mates.max(axis=0)])
         shot_list.append(
             {
                 "time": float(begin),
@@ -96,6 +102,11 @@ def box_corners(middle: Array, half: Array) -> Array:
     """Corners (8, 3) of a box with this middle and half these edges (3,), m."""
     corners = np.meshgrid(*np.stack([middle - half, middle + half]).T)
     return np.stack(corners).reshape(3, -1).T
+
+
+def _diagonal(motion: BodyMotion, frame: int, low: Array, high: Array) -> float:
+    """Diagonal of a box around the bodies in a frame, m."""
+    return float(np.linalg.norm(np.ptp(extremes(_between(motion, frame, frame), low, high), axis=0)))
 
 
 def _between(motion: BodyMotion, first: int, last: int) -> BodyMotion:

@@ -1,20 +1,22 @@
 // What surrounds the scene: the sun's light with shadows, earthshine, stars, and with an orbit the planet where it would be.
-import { element, floats, locate } from "./format.js";
+import { floats, locate } from "./format.js";
 import { scattered } from "./materials.js";
 import { THREE } from "./three.js";
 
-const STARS = 1600, PICTURE = 512; // px of the planet's face
+const STARS = 1600, PICTURE = 512, GRAIN = 128; // px of the planet's face, if that is a square, and of the grain of its clouds
 const AIR = 1.012; // radius of the air, in the planet's
 const FAR = 0.5; // of the farthest that the camera sees: there the sky is
 const SEA = [10, 36, 84], GREEN = [52, 74, 38], DRY = [142, 112, 70]; // of the planet, sRGB
 // Where no orbit says where the Earth is, it is a backdrop: 500 km below, its limb so far below the middle of the first view, tilted.
 const BACKDROP = { radius: 6378137, distance: Float32Array.of(6878137), angle: Float32Array.of(0) }, LIMB = (5.5 * Math.PI) / 180, TILT = 0.2;
 const DARK = "#080c14", STUDIO = "#1d2733";
+const SUN = { colour: new THREE.Color(0xfff4e6), strength: 2.2 }, MOON = { colour: new THREE.Color(0xb4c8ff), strength: 0.7 }; // light by day and in the planet's shadow
+const PENUMBRA = 0.02; // rad around the planet's edge in which the sun fades
 
 export class Space {
   constructor(viewer) {
     this.viewer = viewer;
-    this.sun = new THREE.DirectionalLight(0xfff4e6, 2.2);
+    this.sun = new THREE.DirectionalLight(SUN.colour, SUN.strength);
     this.sun.castShadow = true;
     this.shine = new THREE.HemisphereLight(0x9dbdec, 0x6a6560, 1.0);
     this.rim = new THREE.DirectionalLight(0xa9c6ff, 1.2); // from behind: the edges of dark bodies stand out from a dark sky
@@ -47,7 +49,9 @@ export class Space {
     this.reach = 2 * scale;
     this.behind = planar ? new THREE.Vector3(0.8, 0.5, 0.35) : new THREE.Vector3(...towards).multiplyScalar(-0.8).add(new THREE.Vector3(0, 0, 0.5));
     this.behind.addScaledVector(this.direction, -0.6).normalize();
-    if (this.planet) this.shine.position.copy(this.nadir(0)); else this.shine.position.set(0, 0, -1);
+    this.shine.position.set(0, 0, -1);
+    this.sun.color.copy(SUN.colour);
+    this.sun.intensity = SUN.strength;
   }
 
   // Way to the planet's centre, world axes.
@@ -74,6 +78,10 @@ export class Space {
     const [i, share] = this.way ? [0, 0] : locate(this.time, time), way = this.nadir(i, share);
     this.earth.position.copy(way).multiplyScalar(this.planet.distance[i] / this.planet.distance[0]);
     this.earth.userData.sun.value.copy(this.direction);
+    this.shine.position.copy(way);
+    const day = step(-PENUMBRA, PENUMBRA, this.direction.angleTo(way) - Math.asin(this.planet.radius / this.planet.distance[i]));
+    this.sun.color.copy(MOON.colour).lerp(SUN.colour, day);
+    this.sun.intensity = MOON.strength + day * (SUN.strength - MOON.strength);
   }
 
   show(layer, visible) {
@@ -115,53 +123,85 @@ function behind(object, order) {
   return object;
 }
 
-// The planet's face that may be seen, in distances from its centre at the start; ``outward``: from there to the scene.
+// The belt of the planet that may be seen, in distances from its centre at the start; ``outward``: from there to the scene.
 function earth({ radius, distance, angle }, outward) {
-  const size = radius / distance[0], moved = Math.max(...angle.map((a) => Math.abs(a - angle[0])));
-  const opening = Math.min(Math.PI, 1.1 * Math.acos(Math.min(0.98, size)) + moved), sun = { value: new THREE.Vector3() };
-  const geometry = new THREE.SphereGeometry(1, 96, 64, 0, 2 * Math.PI, 0, opening), { position, uv } = geometry.attributes;
-  for (let i = 0; i < position.count; i++) {
-    const [x, y, z] = [position.getX(i), position.getY(i), position.getZ(i)], off = Math.acos(Math.min(1, Math.max(-1, y))) / opening, flat = Math.hypot(x, z) || 1;
-    uv.setXY(i, 0.5 + (0.5 * off * x) / flat, 0.5 + (0.5 * off * z) / flat);
-  }
+  const size = radius / distance[0], seen = 1.1 * Math.acos(Math.min(0.98, size)), sun = { value: new THREE.Vector3() };
+  const [first, last] = [Math.min(...angle), Math.max(...angle)];
+  const belt = (half) => ({ from: first - half, along: Math.min(2 * Math.PI, last - first + 2 * half), above: Math.max(0, Math.PI / 2 - half), across: Math.min(Math.PI, 2 * half) });
+  const shell = (height, { from, along, above, across }) => new THREE.SphereGeometry(height, Math.ceil(along / 0.025), Math.ceil(across / 0.025), Math.PI + from, along, above, across);
   const shade = (fragment, more = {}) => new THREE.ShaderMaterial({
-    uniforms: { sun, face: { value: null } }, vertexShader: `uniform vec3 sun; varying vec2 at; varying float light; varying float rim; void main() {
+    uniforms: { sun, face: { value: null }, grain: { value: null }, tiles: { value: new THREE.Vector2() } },
+    vertexShader: `uniform vec3 sun; varying vec2 at; varying float light; varying float rim; void main() {
       vec3 outward = normalize(mat3(modelMatrix) * normal); vec4 place = modelMatrix * vec4(position, 1.0); at = uv;
       light = smoothstep(-0.12, 0.5, dot(outward, vec3(sun.x, sun.z, -sun.y))); rim = 1.0 - abs(dot(outward, normalize(cameraPosition - place.xyz)));
       gl_Position = projectionMatrix * viewMatrix * place; }`,
-    fragmentShader: `uniform sampler2D face; varying vec2 at; varying float light; varying float rim; void main() { ${fragment} }`, ...more,
+    fragmentShader: `uniform sampler2D face; uniform sampler2D grain; uniform vec2 tiles; varying vec2 at; varying float light; varying float rim; void main() { ${fragment} }`, ...more,
   });
-  const ground = shade("gl_FragColor = vec4(mix(texture2D(face, at).rgb, vec3(0.5, 0.7, 1.0), 0.7 * pow(rim, 3.0)) * (0.02 + 0.98 * light), 1.0);");
-  ground.uniforms.face.value = face(opening);
+  // the grain frays the edges of clouds and coasts; by night there are moonlit clouds, the lights of towns, and a glow of the air at the limb
+  const ground = shade(`
+    vec2 fine = texture2D(grain, at * tiles).rg - 0.5, finer = texture2D(grain, at * tiles * 5.0).rg - 0.5;
+    vec4 below = texture2D(face, at + (fine + 0.4 * finer) * 0.16 / tiles);
+    vec3 lit = below.rgb * (1.0 + 0.35 * fine.r + 0.3 * finer.r);
+    vec3 day = mix(lit, vec3(0.5, 0.7, 1.0), 0.7 * pow(rim, 3.0)), night = lit * vec3(0.09, 0.12, 0.2) + vec3(0.008, 0.014, 0.03);
+    night += below.a * smoothstep(0.02, 0.2, finer.g) * vec3(1.0, 0.72, 0.4) * (1.0 - rim) + vec3(0.1, 0.2, 0.24) * pow(rim, 4.0);
+    gl_FragColor = vec4(mix(night, day, light), 1.0);`);
+  const around = belt(seen);
+  Object.assign(ground.uniforms, { face: { value: face(around, seen) }, grain: { value: grain() } });
+  ground.uniforms.tiles.value.set(...[around.along, around.across].map((side) => Math.round((6 * side) / seen)));
   // brightest at the ground, none at its own edge; opaque to the renderer, which would draw it over all bodies otherwise
   const limb = (1 - Math.sqrt(1 - AIR ** -2)).toFixed(4);
-  const air = shade(`float height = clamp((1.0 - rim) / (1.0 - ${limb}), 0.0, 1.0); gl_FragColor = vec4(0.35, 0.6, 1.0, 1.0) * light * height * height * 0.6 * smoothstep(0.4, ${limb}, rim);`, { blending: THREE.AdditiveBlending });
-  const group = new THREE.Group(), globe = behind(new THREE.Mesh(geometry, ground), -99);
-  // the middle of the face, its y axis, looks at the scene when it begins
-  group.add(globe, behind(new THREE.Mesh(new THREE.SphereGeometry(AIR, 96, 64, 0, 2 * Math.PI, 0, opening * 1.1), air), -98));
-  group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), outward);
+  const air = shade(`float height = clamp((1.0 - rim) / (1.0 - ${limb}), 0.0, 1.0);
+    gl_FragColor = vec4(mix(vec3(0.1, 0.24, 0.26), vec3(0.35, 0.6, 1.0), light), 1.0) * height * height * 0.6 * smoothstep(0.4, ${limb}, rim);`, { blending: THREE.AdditiveBlending });
+  const group = new THREE.Group();
+  group.add(behind(new THREE.Mesh(shell(1, around), ground), -99), behind(new THREE.Mesh(shell(AIR, belt(1.1 * seen)), air), -98));
+  // the belt's x axis looks at the scene when it begins, its y axis is normal to the orbit
+  const normal = new THREE.Vector3(0, 0, 1).addScaledVector(outward, -outward.z).normalize();
+  group.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(outward, normal, outward.clone().cross(normal)));
   group.scale.setScalar(size);
   return Object.assign(group, { userData: { sun } });
 }
 
-// Seas, land and clouds of no planet in particular, seen from above its middle.
-function face(opening) {
-  const canvas = element("canvas"), pen = canvas.getContext("2d"), fine = Math.min(9, Math.PI / opening);
-  canvas.width = canvas.height = PICTURE;
-  const picture = pen.createImageData(PICTURE, PICTURE);
-  for (let i = 0; i < PICTURE * PICTURE; i++) {
-    const u = (2 * (i % PICTURE)) / PICTURE - 1, v = (2 * Math.floor(i / PICTURE)) / PICTURE - 1, out = Math.hypot(u, v), s = (Math.sin(out * opening) / (out || 1)) * fine;
-    const x = s * u + 5, y = Math.cos(out * opening) * fine + 5, z = s * v + 5, warp = 1.2 * clouded(1.3 * x, y + 4, 1.3 * z, 3);
+// Seas, land and clouds of no planet in particular, on a belt; alpha is where towns are.
+function face({ from, along, above, across }, seen) {
+  const scale = PICTURE / Math.sqrt(along * across), [wide, tall] = [Math.round(scale * along), Math.round(scale * across)];
+  const data = new Uint8Array(4 * wide * tall), fine = Math.min(9, Math.PI / seen);
+  for (let i = 0; i < wide * tall; i++) {
+    const turn = from + ((i % wide) / wide) * along, down = above + (1 - Math.floor(i / wide) / tall) * across;
+    const x = fine * Math.cos(turn) * Math.sin(down) + 5, y = fine * Math.cos(down) + 5, z = fine * Math.sin(turn) * Math.sin(down) + 5;
+    const warp = 1.2 * clouded(1.3 * x, y + 4, 1.3 * z, 3);
     const land = step(0.5, 0.53, clouded(1.1 * x, 1.1 * y, 1.1 * z, 6)), cloud = step(0.5, 0.78, clouded(3.4 * x + warp, 3.4 * y + warp, 3.4 * z, 6));
-    const dry = land > 0 ? clouded(2 * x + 9, 2 * y, 2 * z, 3) : 0;
+    const dry = land > 0 ? clouded(2 * x + 9, 2 * y, 2 * z, 3) : 0, town = land > 0 ? step(0.52, 0.72, clouded(7 * x, 7 * y + 9, 7 * z, 3)) : 0;
     for (let c = 0; c < 3; c++) {
       const ground = SEA[c] * (1 - land) + land * (GREEN[c] * (1 - dry) + DRY[c] * dry);
-      picture.data[4 * i + c] = ground + cloud * (238 - ground);
+      data[4 * i + c] = ground + cloud * (238 - ground);
     }
-    picture.data[4 * i + 3] = 255;
+    data[4 * i + 3] = 255 * land * town * (1 - cloud);
   }
-  pen.putImageData(picture, 0, 0);
-  return new THREE.CanvasTexture(canvas);
+  return smooth(data, wide, tall);
+}
+
+// Noise that repeats, of two channels.
+function grain() {
+  const data = new Uint8Array(4 * GRAIN * GRAIN), next = scattered(5), cells = [8, 16, 32, 64];
+  const corners = cells.map((count) => Float32Array.from({ length: 2 * count * count }, next));
+  for (let i = 0; i < GRAIN * GRAIN; i++) {
+    for (let channel = 0; channel < 2; channel++) {
+      let sum = 0;
+      cells.forEach((count, octave) => {
+        const x = ((i % GRAIN) / GRAIN) * count, y = (Math.floor(i / GRAIN) / GRAIN) * count, a = faded(x % 1), b = faded(y % 1);
+        const at = (dx, dy) => corners[octave][2 * (((Math.floor(y) + dy) % count) * count + ((Math.floor(x) + dx) % count)) + channel];
+        const low = at(0, 0) + a * (at(1, 0) - at(0, 0)), high = at(0, 1) + a * (at(1, 1) - at(0, 1));
+        sum += (low + b * (high - low)) / 2 ** (octave + 1);
+      });
+      data[4 * i + channel] = (255 * sum) / (1 - 2 ** -cells.length);
+    }
+  }
+  return Object.assign(smooth(data, GRAIN, GRAIN), { wrapS: THREE.RepeatWrapping, wrapT: THREE.RepeatWrapping });
+}
+
+function smooth(data, wide, tall) {
+  const texture = new THREE.DataTexture(data, wide, tall, THREE.RGBAFormat);
+  return Object.assign(texture, { magFilter: THREE.LinearFilter, minFilter: THREE.LinearMipmapLinearFilter, generateMipmaps: true, needsUpdate: true });
 }
 
 function step(low, high, v) {

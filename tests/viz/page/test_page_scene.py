@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spacerobot.scene import load_scene
+from spacerobot.simulation import simulate
 from viz.drawing.motion import extremes, sample_motion
 from viz.drawing.view import oblique
 from viz.page.animation import animation
@@ -34,6 +35,35 @@ def test_each_shot_holds_all_bodies_while_the_camera_may_be_there(docked):
         seen = extremes(sample_motion(docked, scene, rows), *np.array(data["box"]))
         assert (seen >= low - 1e-6).all()
         assert (seen <= high + 1e-6).all()
+
+
+@pytest.fixture(scope="module")
+def night():
+    """Two satellites that drift apart for 3400 s, the last third of them in the Earth's shadow."""
+    return simulate(load_scene("drift", {"simulation.duration": 3400}), backend="interpreted")
+
+
+def test_shots_of_a_drift_hold_the_bodies_and_begin_near_them(night):
+    """The whole motion is 100 m wide, the initial distance 15 m."""
+    data, scene = animation(night), night.scene()
+    times, shots = night.array("time"), data["shots"]
+    for row in (0, len(times) // 2, len(times) - 1):
+        points = np.array([shot["points"] for shot in shots if shot["time"] <= times[row]][-1])
+        seen = extremes(sample_motion(night, scene, np.array([row])), *np.array(data["box"]))
+        assert (seen >= points.min(axis=0) - 1e-6).all()
+        assert (seen <= points.max(axis=0) + 1e-6).all()
+    widths = [np.ptp(shot["points"], axis=0).max() for shot in shots]
+    assert widths[0] < 0.3 * widths[-1]
+    assert widths[-1] > 50
+
+
+def test_the_night_side_of_the_earth_is_no_black_hole(browser, night, tmp_path):
+    """Black is less than a hundredth of the picture although the Earth fills a tenth of it; the sky is dark blue."""
+    (tmp_path / "page.html").write_text(animation_page(night), encoding="utf-8")
+    browser.open(f"{(tmp_path / 'page.html').as_uri()}#t=3400&play=0", 1000, 700)
+    browser.wait_for("document.body?.dataset.time === '3400.000'")
+    brightness = browser.picture().sum(axis=2)
+    assert (brightness < 20).mean() < 0.01
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (1024, 700), (390, 844)])
@@ -70,6 +100,13 @@ def test_a_view_in_orbit_looks_past_the_limb(azimuth):
     assert to_earth == pytest.approx(np.degrees(np.arcsin(6378137 / 6878137)) + 6, abs=1e-6)
     assert seen.towards[2] == pytest.approx(usual.towards[2])
     assert limb_view(usual, None) is usual
+
+
+def test_a_view_in_a_high_orbit_looks_past_the_limb():
+    """From 42164 km the Earth's half angle is 8.7 deg, less than the elevation of the usual view."""
+    seen = limb_view(oblique(), {"radius": 6378137.0, "distance": [42164000.0]})
+    to_earth = np.degrees(np.arccos(-seen.towards @ [-1, 0, 0]))
+    assert to_earth == pytest.approx(np.degrees(np.arcsin(6378137 / 42164000)) + 6, abs=1e-6)
 
 
 def test_the_first_view_is_fitted_as_any_later_one(browser, paper, tmp_path):
