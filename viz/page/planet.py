@@ -45,8 +45,8 @@ def limb_view(view: View, planet: dict[str, Any] | None) -> View:
 
     At the start the planet's centre lies in the direction -x and its disc has the half angle
     ``arcsin(radius / distance)``. A direction d of sight with the angle g to -x looks at the limb, a little
-    off the middle of the picture, where ``g`` is that half angle and ``_OFF_LIMB_DEG``. On a high orbit, where
-    no direction of the view's elevation has so small an angle, the view looks from the elevation ``g``.
+    off the middle of the picture, where ``g`` is that half angle and ``_OFF_LIMB_DEG``. On a high
+    orbit, where no direction of the view's elevation has so small an angle, the view has the elevation ``g``.
 
     Args:
         view: View in which the arms are hidden least.

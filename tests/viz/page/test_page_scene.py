@@ -58,7 +58,7 @@ def test_shots_of_a_drift_hold_the_bodies_and_begin_near_them(night):
 
 
 def test_the_night_side_of_the_earth_is_no_black_hole(browser, night, tmp_path):
-    """Black is less than a hundredth of the picture although the Earth fills a tenth of it; the sky is dark blue."""
+    """Less than a hundredth of the picture is black, although the Earth fills a tenth of it."""
     (tmp_path / "page.html").write_text(animation_page(night), encoding="utf-8")
     browser.open(f"{(tmp_path / 'page.html').as_uri()}#t=3400&play=0", 1000, 700)
     browser.wait_for("document.body?.dataset.time === '3400.000'")
