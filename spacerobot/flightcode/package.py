@@ -24,6 +24,7 @@ from spacerobot.flightcode.vectors import record_vectors, vector_table, write_ve
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 FLAGS = (*WARNINGS, "-O2", "-ffp-contract=off")
 PROGRAMS = ("test_vectors.c", "processor_in_the_loop.c")
+LIBRARY = "libcontroller.so"
 SEED = 39
 """Seed of the test vectors."""
 
@@ -41,6 +42,7 @@ def write_package(software: OnboardSoftware, folder: Path, precision: Precision,
         CompileError: If the C compiler refuses a source.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / LIBRARY).unlink(missing_ok=True)  # of an earlier export: it would not fit the new sources
     name = software.name
     texts = {
         f"{name}.h": public_header(software, precision),
@@ -90,7 +92,7 @@ def build_and_measure(software: OnboardSoftware, folder: Path, compiler: str) ->
     objects = [str(build / f"{source}.o") for source in sources]
     for source, target in zip(sources, objects, strict=True):
         _run([compiler, *FLAGS, "-fPIC", "-fstack-usage", "-c", source, "-o", target], folder)
-    _run([compiler, "-shared", *objects, "-o", "libcontroller.so", "-lm"], folder)
+    _run([compiler, "-shared", *objects, "-o", LIBRARY, "-lm"], folder)
     program = str(build / "test_vectors")
     _run([compiler, *FLAGS, "test_vectors.c", objects[1], "-o", program, "-lm"], folder)
     test_run = subprocess.run([program, "vectors"], cwd=folder, capture_output=True, text=True, check=False)

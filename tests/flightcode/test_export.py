@@ -16,6 +16,7 @@ from spacerobot.flightcode.c_functions import count_operations
 from spacerobot.flightcode.c_text import identifier
 from spacerobot.flightcode.evaluation import evaluate_rows, library_bounds
 from spacerobot.flightcode.onboard import common_tick
+from spacerobot.flightcode.package import LIBRARY, write_package
 from spacerobot.flightcode.vectors import record_vectors
 from tests.flightcode.conftest import FLOWN, QUICK, STEPS, software_of
 
@@ -50,6 +51,14 @@ def test_functions_agree_with_their_vectors_here_and_on_another_processor(export
         assert values == STEPS * sum(one.size for one in task.writes)
         if not count_operations(task.function).libm:
             assert differing == 0
+
+
+def test_a_new_export_without_a_compiler_leaves_no_library_of_an_earlier_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("SPACEROBOT_COMPILER", "none")
+    (tmp_path / LIBRARY).write_bytes(b"of an earlier export")
+    write_package(software_of(sr.load_scene(SMALL)), tmp_path, "double", 2)
+    assert not (tmp_path / LIBRARY).exists()
+    assert "no C compiler" in (tmp_path / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.compiler
