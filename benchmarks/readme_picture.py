@@ -1,4 +1,4 @@
-"""``python -m benchmarks.readme_picture [FILE]``: record a simulated docking for the gallery."""
+"""``python -m benchmarks.readme_picture [SCENARIO ...]``: record the films of the README and the gallery."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
 from viz.recording.record import write_recording
 
-TARGET = Path(__file__).parents[1] / "docs" / "images" / "docking.gif"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
+SIZES_PX = {"capture": (480, 300), "docking": (480, 290)}
 
 
-def main(target: Path = TARGET) -> None:
-    """Write the recording."""
-    result = simulate(load_scene("docking"))
-    write_recording(result, target, frames_per_s=5, speed=6, size_px=(480, 290))
+def main(*names: str) -> None:
+    """Write the recordings of scenarios; all if none is named."""
+    for name in names or SIZES_PX:
+        result = simulate(load_scene(name))
+        write_recording(result, IMAGES / f"{name}.gif", frames_per_s=5, speed=6, size_px=SIZES_PX[name])
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    main(*sys.argv[1:])
