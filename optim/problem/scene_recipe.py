@@ -12,6 +12,7 @@ from typing import Any
 from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.elements.core.registry import load_plugin, plugins
 from spacerobot.scenario import Tuning
+from spacerobot.scenario.document import MISSING_SECTIONS
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene, build_scene
 
@@ -79,11 +80,7 @@ def tuning_of(scene: Scene) -> Tuning:
         ScenarioError: If it has none.
     """
     if scene.scenario.tuning is None:
-        raise scene.error(
-            "this scenario has no tuning section; name what varies by `spacerobot tune --vary kp=20..2000`, "
-            "or let `spacerobot new` write a scenario that has one (docs/explanation/tuning_methods.md)",
-            "tuning",
-        )
+        raise scene.error(MISSING_SECTIONS["tuning"], "tuning")
     return scene.scenario.tuning
 
 

@@ -105,7 +105,7 @@ class FailureProbability(JsonResult):
             return []
         value = (
             f"{len(self.failures)} from {self.starts} starts; another start finds a new one with a "
-            f"probability of at most {100 * self.undiscovered:.2g} % (95 % confidence)"
+            f"probability of at most {100 * self.undiscovered:.3g} % (95 % confidence)"
         )
         return [("most probable failures", value)]
 

@@ -45,11 +45,7 @@ def connect(address: str) -> Iterator[Any]:
     with _quiet():
         if address.startswith("local:"):
             # processes of this machine, which listen to it alone and end with the context
-            count = address.removeprefix("local:")
-            if not count.isdecimal() or int(count) < 1:
-                message = f"found {address!r}, allowed: local:N with N of 1 and more"
-                raise SpaceRobotError(message, where="--dask")
-            options: dict[str, Any] = {"n_workers": int(count), "threads_per_worker": 1}
+            options: dict[str, Any] = {"n_workers": _local_count(address), "threads_per_worker": 1}
             places = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
             with _spared():
                 cluster = distributed.LocalCluster(**options, **places, silence_logs=logging.CRITICAL)
@@ -172,6 +168,27 @@ def distributed_module() -> Any:
     except ImportError:
         message = "needs Dask: pip install 'dask[distributed]'"
         raise SpaceRobotError(message, where="--dask") from None
+
+
+def check_address(address: str) -> None:
+    """Check the form of an address before anything is written or computed.
+
+    Raises:
+        SpaceRobotError: If it is neither ``local:N``, nor a URL, nor a scheduler file.
+    """
+    if address.startswith("local:"):
+        _local_count(address)
+    elif "://" not in address:
+        _scheduler_file(address)
+
+
+def _local_count(address: str) -> int:
+    """Number of processes of an address ``local:N``."""
+    count = address.removeprefix("local:")
+    if not count.isdecimal() or int(count) < 1:
+        message = f"found {address!r}, allowed: local:N with N of 1 and more"
+        raise SpaceRobotError(message, where="--dask")
+    return int(count)
 
 
 def _scheduler_file(name: str) -> str:

@@ -128,11 +128,14 @@ def plan(
         ResultError: If the folder has other content or cannot be written.
     """
     from optim.planning.search.make_plan import make_plan
+    from optim.planning.studies.cost_sensitivities import numbers_at
     from spacerobot.result import check_folder
 
     if folder is not None:
         check_folder(folder, PlanResult.job)
-    planned = make_plan(to_scene(scene), warm_start=warm_start, folder=journals(folder), **options)
+    scene = to_scene(scene)
+    numbers_at(scene, sensitivities)  # a wrong path is refused before the search
+    planned = make_plan(scene, warm_start=warm_start, folder=journals(folder), **options)
     result = PlanResult.of(planned, sensitivities)
     return result if folder is None else result.save(folder)
 

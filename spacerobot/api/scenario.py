@@ -128,11 +128,13 @@ def scene_tree(scene: Scene) -> Tree:
         mated = (0.0, 0.0, 0.0) if config.capture is None else config.capture.mated_deg
         rotation = pin.log3((frame.rotation @ pin.rpy.rpyToMatrix(np.radians(mated))).T @ tip.rotation)
         angle = float(np.degrees(np.linalg.norm(rotation)))
-        text = f"{grasp.tip.label} {holds} {config.frame}, {config.words()}, initial gap {distance:.3g} m"
+        gap = f"initial gap {round(distance, 9):.3g} m"
+        text = f"{grasp.tip.label} {holds} {config.frame}, {config.words()}, {gap}"
+        desired = ", ".join(f"{x:g}" for x in mated)
         lines = (
             f"{grasp.tip.label} begins at {_pose_text(tip)}",
             f"{config.frame} begins at {_pose_text(frame)}",
-            f"{angle:.3g} deg between them, from `mated_deg` [{', '.join(f'{x:g}' for x in mated)}]",
+            f"misaligned by {round(angle, 6):.3g} deg from `mated_deg` [{desired}]",
         )
         branches.append(Tree(f"grasp {grasp.name}:", text, lines))
     for contact in scene.contacts:
@@ -205,17 +207,16 @@ def _joint_lines(scene: Scene, body: SceneBody) -> Iterator[str]:
         if name in bends:
             continue
         mimic = by_name[name].mimic
-        state = f"{joint.offset:g} m" if joint.offset is not None else f"{joint.angle_deg or 0:g} deg"
+        state = f"at {joint.offset:g} m" if joint.offset is not None else f"at {joint.angle_deg or 0:g} deg"
         child = body.config.links.get(by_name[name].child)
-        carries = f", carries {by_name[name].child}" + (f" {child.mass:g} kg" if child else "")
+        moved = f", moves {by_name[name].child}" + (f" of {child.mass:g} kg" if child else "")
         slides = by_name[name].kind == "prismatic"
         unit, per_rate = ("N", "N s/m") if slides else ("N m", "N m s/rad")
-        limit = "" if joint.torque_limit is None else f", at most {joint.torque_limit:g} {unit}"
+        limit = "" if joint.torque_limit is None else f", limit {joint.torque_limit:g} {unit}"
         if mimic is not None:
             state = f"mimics {mimic.joint} ({mimic.multiplier:g} q + {mimic.offset:g})"
         yield (
-            f"{name}: {by_name[name].kind}, {state}, resistance {joint.damping or 0:g} {per_rate}"
-            f"{limit}{carries}"
+            f"{name}: {by_name[name].kind}, {state}, damping {joint.damping or 0:g} {per_rate}{limit}{moved}"
         )
 
 

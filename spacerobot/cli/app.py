@@ -20,6 +20,7 @@ from rich.markup import escape
 
 from spacerobot.cli.command import GROUPS
 from spacerobot.cli.output import print_error, warn
+from spacerobot.cli.usage_errors import UsageError, describe
 from spacerobot.common.errors import SpaceRobotError, SpaceRobotWarning
 from spacerobot.common.interrupts import INTERRUPTED, minded, reason
 from spacerobot.common.registry import COMMANDS
@@ -82,10 +83,24 @@ def command_line() -> Any:
 
 
 def escaped(command: Any) -> Any:
-    """Escape the help texts of a command and its subcommands, so that ``[m]`` is not markup."""
+    """Escape the help texts of a command and its subcommands, so that ``[m]`` is not markup.
+
+    Switches get no type, which Typer would show as ``<bool>``.
+    """
     if command.help:
         command.help = help_markup(command.help)
+    help_option = command.get_help_option
+
+    def help_option_without_type(context: Any) -> Any:
+        option = help_option(context)
+        if option is not None:
+            option.metavar = ""
+        return option
+
+    command.get_help_option = help_option_without_type
     for option in command.params:
+        if getattr(option, "is_flag", False):
+            option.metavar = ""
         help_text = getattr(option, "help", None)
         if help_text:
             option.help = escape(help_text)
@@ -163,11 +178,18 @@ def main() -> None:
     warnings.showwarning = _show_warning
     try:
         with minded():
-            command_line()(plugins_first(sys.argv[1:]), prog_name="spacerobot")
+            arguments = plugins_first(sys.argv[1:])
+            sys.exit(command_line()(arguments, prog_name="spacerobot", standalone_mode=False) or 0)
+    except UsageError as fault:
+        if type(fault).__name__ == "NoArgsIsHelpError":
+            fault.show()
+        else:
+            print_error(describe(fault, arguments))
+        sys.exit(2)
     except SpaceRobotError as fault:
         print_error(str(fault))
         sys.exit(fault.exit_code)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         print_error(reason())
         sys.exit(INTERRUPTED)
     except BrokenPipeError:

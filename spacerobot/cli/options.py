@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from spacerobot.scene import Scene
 
 
 def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
@@ -48,6 +51,40 @@ def existing_scenario(name: str) -> str:
     return name
 
 
+def valid_address(address: str | None) -> str | None:
+    """Check the form of the address of a Dask cluster, before a command writes a folder.
+
+    Raises:
+        SpaceRobotError: If it is neither ``local:N``, nor a URL, nor a scheduler file.
+    """
+    if address is not None:
+        from optim.workers.cluster import check_address
+
+        check_address(address)
+    return address
+
+
+def load(scenario: str, changes: list[str] | None, *sections: str) -> Scene:
+    """Scene of a scenario with changes; a missing section is reported before anything is loaded.
+
+    Args:
+        scenario: File or name of the scenario.
+        changes: Texts ``path=value``.
+        sections: Sections that the command needs, such as ``campaign``.
+
+    Raises:
+        ScenarioError: As :func:`spacerobot.load_scene`, or if a section is missing.
+    """
+    import spacerobot as sr
+    from spacerobot.scenario.catalogue import find_scenario
+    from spacerobot.scenario.document import check_section
+
+    pairs = parse_changes(changes)
+    for section in sections:
+        check_section(find_scenario(scenario), section, pairs)
+    return sr.load_scene(scenario, pairs)
+
+
 ScenarioName = Annotated[
     str,
     typer.Argument(
@@ -78,11 +115,14 @@ Machines = Annotated[
     typer.Option(
         "--dask",
         metavar="WHERE",
+        callback=valid_address,
         help="Run on Dask: local:N, tcp://HOST:PORT, or a scheduler file. Results do not depend on it.",
     ),
 ]
 View = Annotated[bool, typer.Option("--view", help="Then play it in the browser until Ctrl-C.")]
 Port = Annotated[
     int,
-    typer.Option("--port", min=0, max=65535, help="First port to try; busy ports are skipped."),
+    typer.Option(
+        "--port", metavar="PORT", min=0, max=65535, help="First port to try; busy ports are skipped."
+    ),
 ]

@@ -68,6 +68,11 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
         yield say
 
 
+def print_next(text: str) -> None:
+    """Print the files that a command wrote, or the next command, in one line that can be copied."""
+    console().print(text, markup=False, soft_wrap=True)
+
+
 def show(content: Tabular | Iterable[Content]) -> None:
     """Print tables and sentences, after the warnings of a result."""
     if isinstance(content, Tabular):

@@ -69,7 +69,7 @@ def planar_arm_urdf(
     """
     link, base = link or PlanarLink(), base or PlanarBase()
     if isinstance(links, bool) or not isinstance(links, int):
-        raise DescriptionError(f"{links!r} found, allowed are whole numbers 1 to 200", where="links")
+        raise DescriptionError(f"found {links!r}, allowed: whole numbers from 1 to 200", where="links")
     x.require_in_range("links", links, 1, 200)
     x.require_in_range("link.length_m", link.length_m, 1e-3, 1e3)
     x.require_in_range("link.mass_kg", link.mass_kg, 1e-6, 1e9)

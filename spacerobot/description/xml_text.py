@@ -143,7 +143,7 @@ def robot(name: str, comment: str, *parts: list[str]) -> str:
             ``-``.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.-]+", name):
-        raise DescriptionError(f"{name!r} found, allowed are letters, digits, '_', '.' and '-'", where="name")
+        raise DescriptionError(f"found {name!r}, allowed: letters, digits, '_', '.' and '-'", where="name")
     body = [line for part in parts for line in part]
     used = {colour: rgba for colour, rgba in PALETTE.items() if f'name="{colour}"' in "\n".join(body)}
     colours = [
@@ -167,4 +167,4 @@ def require_in_range(where: str, value: float, low: float, high: float) -> None:
         DescriptionError: If it is not; the message has the name of the parameter and the range.
     """
     if not low <= value <= high:
-        raise DescriptionError(f"{value!r} found, allowed are {low:g} to {high:g}", where=where)
+        raise DescriptionError(f"found {value!r}, allowed: {low:g} to {high:g}", where=where)

@@ -75,14 +75,19 @@ class PassiveSafety(Tabular):
     def rows(self, clearance_m: float | None = None) -> list[tuple[str, str]]:
         """Names and values: minimum distance of all aborts, and aborts that violate a clearance [m]."""
         k, time = self.worst, self.time_s
+        contact = "" if self.distance_m[k] > 0 else ": they collide"
         rows = [
-            ("aborts", f"{len(time)}, {time[0]:g} s to {time[-1]:g} s"),
-            ("least distance", f"{self.distance_m[k]:.4g} m: {' and '.join(self.pairs[k])}"),
-            ("abort at", f"{time[k]:g} s, least {self.drift_s[k]:.4g} s later"),
+            ("aborts", f"{len(time)}, from {time[0]:g} s to {time[-1]:g} s"),
+            ("drift after each", f"{self.duration_s:g} s"),
+            (
+                "minimum distance",
+                f"{self.distance_m[k]:.4g} m, between {' and '.join(self.pairs[k])}{contact}",
+            ),
+            ("worst abort", f"at {time[k]:g} s; the minimum is {self.drift_s[k]:.4g} s later"),
         ]
         if clearance_m is not None:
             unsafe = self.unsafe(clearance_m)
-            words = f"{len(unsafe)} aborts, the first at {unsafe[0]:g} s" if len(unsafe) else "none"
+            words = f"after {len(unsafe)} aborts, the first at {unsafe[0]:g} s" if len(unsafe) else "never"
             rows.append((f"nearer than {clearance_m:g} m", words))
         return rows
 

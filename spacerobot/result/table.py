@@ -76,20 +76,20 @@ def headline(summary: Summary, data: xr.Dataset, target: str = "object") -> list
         )
         rows.append((f"{error} {tip}", f"{spans} {unit} (rms {axes['norm']['rms_m'] * factor:.3f} {unit})"))
     if summary["target"] is not None:
-        rows.append((f"{target} turned by at most", f"{summary['target']['max_rotation_deg']:.4g} deg"))
+        rows.append((f"maximum rotation of {target}", f"{summary['target']['max_rotation_deg']:.4g} deg"))
     for base, motion in summary["bases"].items():
         moved = f"{motion['max_rotation_deg']:.4g} deg, {motion['max_travel_m'] * 1e3:.4g} mm"
-        rows.append((f"base {base} moved by at most", moved))
+        rows.append((f"maximum motion of base {base}", moved))
     for base, attitude in summary.get("attitude_error", {}).items():
         words = f"at most {attitude['max_deg']:.4g} deg, {attitude['final_deg']:.4g} deg at the end"
         rows.append((f"attitude error {base}", words))
     spent = summary.get("propellant_kg", {})
     rows += [(f"propellant {base}", f"{mass * 1e3:.4g} g") for base, mass in spent.items()]
     torque, grip = summary["greatest_torque"], summary["greatest_grip"]
-    rows.append(("greatest joint torque", _peak(torque, "torque_n_m", torque.get("unit", "N m"), "joint")))
-    rows.append(("greatest grip force", _peak(grip, "force_n", "N", "grasp")))
+    rows.append(("maximum joint torque", _peak(torque, "torque_n_m", torque.get("unit", "N m"), "joint")))
+    rows.append(("maximum grip force", _peak(grip, "force_n", "N", "grasp")))
     if "greatest_contact" in summary:
-        rows.append(("greatest contact force", _peak(summary["greatest_contact"], "force_n", "N", "contact")))
+        rows.append(("maximum contact force", _peak(summary["greatest_contact"], "force_n", "N", "contact")))
     if "fastest_wheel" in summary:
         wheel = summary["fastest_wheel"]
         left = wheel["least_margin"]
@@ -101,11 +101,11 @@ def headline(summary: Summary, data: xr.Dataset, target: str = "object") -> list
     momentum, energy = ledger["momentum"], ledger["energy"]
     if momentum["conserved"]:
         drifts = (f"{momentum[kind]['relative_drift']:.1e} {kind}" for kind in ("linear", "angular"))
-        drift = ", ".join(drifts) + " (of the largest partial momentum)"
+        drift = ", ".join(drifts) + " (relative to the largest partial momentum)"
     else:
         drift = f"not conserved: {momentum['reason']}"
-    balance = f"open by {energy['relative_residual']:.1e} (of the largest energy)"
-    conserved = [("momentum drift", drift), ("energy balance", balance)]
+    residual = f"{energy['relative_residual']:.1e} (relative to the largest energy)"
+    conserved = [("momentum drift", drift), ("energy residual", residual)]
     return rows + conserved + [("engine", engine_text(summary))]
 
 

@@ -46,19 +46,31 @@ def read_document(path: Path) -> Document:
     return document
 
 
-NO_PLAN = "no such section: it defines the planning problem (docs/how_to/plan_and_follow.md)"
-"""Message for a scenario without a ``plan`` section."""
+MISSING_SECTIONS = {
+    "plan": "no such section: it defines the planning problem (docs/how_to/plan_and_follow.md)",
+    "campaign": "no campaign section, which defines the uncertain parameters (docs/how_to/monte_carlo.md); "
+    "`spacerobot new` writes a scenario that has one",
+    "tuning": "this scenario has no tuning section; name what varies by "
+    "`spacerobot tune --vary kp=20..2000`, or let `spacerobot new` write a scenario that has one "
+    "(docs/explanation/tuning_methods.md)",
+}
+"""Messages for a scenario without a section, by the section's name."""
 
 
-def check_plan_section(path: Path, changes: Iterable[tuple[str, Any]] = ()) -> None:
-    """Check that a scenario file has a ``plan`` section, or that a change may add one.
+def check_section(path: Path, section: str, changes: Iterable[tuple[str, Any]] = ()) -> None:
+    """Check that a scenario file has a section, or that a change may add one.
+
+    Args:
+        path: File of the scenario.
+        section: One of :data:`MISSING_SECTIONS`.
+        changes: Dotted paths and values.
 
     Raises:
         ScenarioError: If there is no section, or as :func:`read_document`.
     """
-    may_come = any(pattern.partition(".")[0] in ("plan", "*") for pattern, _ in changes)
-    if not may_come and read_document(path).get("plan") is None:
-        raise ScenarioError(NO_PLAN, source=path, where="plan")
+    may_come = any(pattern.partition(".")[0] in (section, "*") for pattern, _ in changes)
+    if not may_come and read_document(path).get(section) is None:
+        raise ScenarioError(MISSING_SECTIONS[section], source=path, where=section)
 
 
 def parse_yaml(text: str, *, source: Path | str | None = None) -> Any:

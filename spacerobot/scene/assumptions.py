@@ -69,7 +69,9 @@ def list_assumptions(scene: Scene) -> tuple[str, ...]:
                 assumptions.append(f"{body.path}: ideal sensors (a = 0, b = 1)")
             names = robot_facts(scene, body).joints
             if not any(actuator.limits(names) for _, actuator in body.config.driven_by()):
-                assumptions.append(f"{body.path}: torques are not limited")
+                assumptions.append(
+                    f"{body.path}: torques are not limited; an actuator of kind torque_limit limits them"
+                )
     for tip in scene.tips:
         place = f"{tip.path}.reference"
         if any(reference.from_target for reference in tip.references):

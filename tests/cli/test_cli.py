@@ -370,7 +370,7 @@ def test_units_in_help_and_in_check(spacerobot):
     for words in ("Length of a link [m].", "Mass of a link [kg].", "Joint resistance [N m s/rad]."):
         assert words in text
     code, out, _ = spacerobot("check", "paper")
-    assert "joint_1: revolute, 40 deg, resistance 0.1 N m s/rad, at most 1000 N m, carries" in out
+    assert "joint_1: revolute, at 40 deg, damping 0.1 N m s/rad, limit 1000 N m, moves" in out
     assert "amnesia G_e 500 1/s^2, t_a 3 1/s" in out
 
 

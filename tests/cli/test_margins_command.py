@@ -53,7 +53,7 @@ def test_margins_over_time(margins, tmp_path):
         (("--at", "catched"), "no event 'catched'"),
         (("--along", "1"), "allowed: 0, or from 2 to"),
         (("--worst-case", "hold.kd=2"), "PATH=LOWER..UPPER"),
-        (("--worst-case", "hold.kd=2..6", "--margin", "disc"), "no margin 'disc'"),
+        (("--worst-case", "hold.kd=2..6", "--margin", "disc"), "--margin: found 'disc', allowed: 'disk'"),
     ],
 )
 def test_what_cannot_be_analysed_is_one_line(margins, arguments, told):

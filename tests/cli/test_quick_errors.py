@@ -35,7 +35,17 @@ def attempt(*arguments, folder):
         (("run", "my.yaml"), "my.yaml: no such file"),
         (("run", "broken.yaml"), "broken.yaml: line 1"),
         (("check", "paper", "--set", "simulation.duration"), "allowed: PATH=VALUE"),
-        (("run", "paper", "--sat", "x=1"), "No such option"),
+        (("run", "paper", "--sat", "x=1"), "spacerobot run: no option '--sat'; did you mean --set"),
+        (("run", "paper", "extra"), "found 'extra' after the last argument"),
+        (("run", "paper", "--out"), "--out: its value is missing"),
+        (("run", "paper", "--port", "x"), "--port: found 'x', allowed: an integer"),
+        (("run", "paper", "--port=-1"), "--port: found '-1', allowed: "),
+        (("run", "paper", "--backend", "fast"), "--backend: found 'fast', allowed: 'auto', 'compiled'"),
+        (("run",), "SCENARIO is missing, as in `spacerobot run paper --out out/paper`"),
+        (("rnu", "paper"), "no command 'rnu'; did you mean run?"),
+        (("campaign", "paper"), "--out is missing, as in `spacerobot campaign paper --out out/campaign"),
+        (("plan", "docking", "--from", "missing"), "--from: found missing, allowed: a plan's folder"),
+        (("falsify", "ets7"), "campaign: no campaign section"),
         (("animate", "missing"), "missing: no such folder"),
         (("figures", "missing"), "missing: no such folder"),
         (("identify", "missing"), "missing: no such folder"),
@@ -56,6 +66,7 @@ def test_an_error_that_needs_no_model_is_reported_without_loading_one(arguments,
     (code, *loaded), error = attempt(*arguments, folder=tmp_path)
     assert (code, loaded) == ("2", [])
     assert message in error
+    assert error.startswith("error: ")
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def test_what_an_actuator_cannot_do_is_told_at_its_place(motor, told):
 
 
 def test_the_assumption_of_unlimited_torques_goes_with_any_limit():
-    told = "robots.one: torques are not limited"
+    told = "robots.one: torques are not limited; an actuator of kind torque_limit limits them"
     assert told in small_scene(PLANAR).assumptions
     motors = {"robots.one.actuators": {"motors": {"kind": "torque_limit", "limit": 3}}}
     assert told not in small_scene(PLANAR, motors).assumptions

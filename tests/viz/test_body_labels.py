@@ -16,7 +16,7 @@ def held():
 
 
 def test_the_target_has_its_urdf_s_name_in_tables_curves_figures_and_3d(held):
-    assert "rectangle turned by at most" in dict(held.headline())
+    assert "maximum rotation of rectangle" in dict(held.headline())
     for quantity in quantities(held):
         names = [signal.name for signal in quantity.signals]
         assert not any(name.startswith(("object", "target")) for name in names), quantity.title

@@ -12,6 +12,7 @@ from optim.problem.scenario_numbers import find_numbers
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import ScenarioError
 from spacerobot.scenario import Campaign
+from spacerobot.scenario.document import MISSING_SECTIONS
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scenario.paths import assign
 from spacerobot.scenario.units import unit_at
@@ -49,11 +50,7 @@ def campaign_of(scene: Scene) -> Campaign:
         ScenarioError: If it has none.
     """
     if scene.scenario.campaign is None:
-        raise scene.error(
-            "no campaign section, which defines the uncertain parameters (docs/how_to/monte_carlo.md); "
-            "`spacerobot new` writes a scenario that has one",
-            "campaign",
-        )
+        raise scene.error(MISSING_SECTIONS["campaign"], "campaign")
     return scene.scenario.campaign
 
 

@@ -24,7 +24,7 @@ from optim.planning.formulation.stage import PlanningProblem, Stage
 from spacerobot.common.errors import ScenarioError
 from spacerobot.elements.goals.goal import Goal
 from spacerobot.elements.grasps.grasp import Grasp
-from spacerobot.scenario.document import NO_PLAN
+from spacerobot.scenario.document import MISSING_SECTIONS
 from spacerobot.scenario.plan import PlanSection
 from spacerobot.scene import Scene, build_scene
 from spacerobot.scene.configure import close_velocity
@@ -39,7 +39,7 @@ def plan_section(scene: Scene) -> PlanSection:
         ScenarioError: If there is none.
     """
     if scene.scenario.plan is None:
-        raise scene.error(NO_PLAN, "plan")
+        raise scene.error(MISSING_SECTIONS["plan"], "plan")
     return scene.scenario.plan
 
 

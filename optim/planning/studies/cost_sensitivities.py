@@ -36,6 +36,24 @@ SIDES = ((1, 8.0), (2, -1.0))
 """Distances of the two-sided differences in steps, and their weights: a fourth-order formula."""
 
 
+def numbers_at(scene: Scene, paths: Sequence[str]) -> dict[str, float]:
+    """Numbers of a scene's scenario by dotted path.
+
+    Raises:
+        ScenarioError: If a path leads to no number.
+    """
+    document, numbers = to_document(scene.scenario), dict[str, float]()
+    for path in paths:
+        try:
+            value = get(document, path)
+        except ScenarioError as error:
+            raise ScenarioError(error.message, where=f"sensitivities: {error.where}") from None
+        if not is_number(value):
+            raise ScenarioError(f"found {value!r}, allowed: a number", where=f"sensitivities: {path}")
+        numbers[path] = value
+    return numbers
+
+
 def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str, float]:
     """Derivatives of a plan's optimal cost by values of its scenario, in the scenario's own units.
 
@@ -49,12 +67,7 @@ def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str,
     Raises:
         ScenarioError: If a path leads to no number.
     """
-    document, numbers = to_document(planned.scene.scenario), dict[str, float]()
-    for path in paths:
-        value = get(document, path)
-        if not is_number(value):
-            raise ScenarioError(f"found {value!r}, allowed: a number", where=path)
-        numbers[path] = value
+    numbers = numbers_at(planned.scene, paths)
     solver = PlanSolver.of(planned.scene, "interpreted")
     program = solver.program(solver.request(), planned.phased_motion.meshes)
     solution = OptimalPoint(planned.scene, program, planned.solution)

@@ -37,6 +37,7 @@ Speed = Annotated[
     float | None,
     typer.Option(
         "--speed",
+        metavar="FACTOR",
         min=1e-6,
         help="Speed of a recording relative to real time; by default it lasts at most 20 s.",
     ),

@@ -10,7 +10,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.animate import serve
-from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, parse_changes
+from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, load
 from spacerobot.cli.output import console, progress, show, warn
 from spacerobot.common.interrupts import keep
 
@@ -73,9 +73,9 @@ def command(
 
         spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
     """
+    scene = load(scenario, changes, "campaign")
     from optim.campaign import ROLLING_OUT
 
-    scene = sr.load_scene(scenario, parse_changes(changes))
     with progress("reading") as tell:
 
         def report(now: CampaignProgress) -> None:

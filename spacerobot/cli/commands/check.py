@@ -5,7 +5,7 @@ from __future__ import annotations
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.options import Changes, ScenarioName, parse_changes
-from spacerobot.cli.output import show
+from spacerobot.cli.output import print_next, show
 
 
 @Command.of("check", place=2, group=SIMULATE)
@@ -17,3 +17,4 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
         spacerobot check paper --set grasps.left.stiffness=200
     """
     show(sr.check(sr.load_scene(scenario, parse_changes(changes))))
+    print_next(f"\nno errors; `spacerobot run {scenario}` simulates it")

@@ -18,7 +18,7 @@ from spacerobot.cli.options import (
     Threads,
     View,
     existing_scenario,
-    parse_changes,
+    load,
 )
 from spacerobot.cli.output import console, show, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
@@ -119,7 +119,7 @@ def command(
         else:
             _refuse("scenario", {"--problems": problems})
             compared = sr.compare(
-                sr.load_scene(scenario, parse_changes(changes)),
+                load(scenario, changes, "tuning"),
                 out,
                 methods=parts(methods),
                 variants=parts(variants),

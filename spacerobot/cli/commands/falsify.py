@@ -8,8 +8,8 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
-from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, show
+from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, load
+from spacerobot.cli.output import print_next, show
 from spacerobot.cli.tuning_options import Seed, journals, shown
 
 Metric = Annotated[
@@ -20,7 +20,11 @@ Metric = Annotated[
 ]
 Limit = Annotated[
     float | None,
-    typer.Option("--limit", help="Largest value that is no failure; that of `campaign.limits` if not given."),
+    typer.Option(
+        "--limit",
+        metavar="VALUE",
+        help="A larger value of the metric, is a failure; that of `campaign.limits` if not given.",
+    ),
 ]
 
 
@@ -32,12 +36,12 @@ def command(
     metric: Metric = None,
     limit: Limit = None,
     starts: Annotated[
-        int, typer.Option("--starts", min=1, metavar="N", help="Largest number of descents.")
+        int, typer.Option("--starts", min=1, metavar="N", help="Maximum number of descents.")
     ] = 16,
     budget: Annotated[
         int | None,
         typer.Option(
-            "--budget", min=1, metavar="N", help="Largest number of rollouts; a gradient counts as four."
+            "--budget", min=1, metavar="N", help="Maximum number of rollouts; a gradient counts as four."
         ),
     ] = None,
     seed: Seed = None,
@@ -55,7 +59,7 @@ def command(
 
         spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
     """
-    scene = sr.load_scene(scenario, parse_changes(changes))
+    scene = load(scenario, changes, "campaign")
     folder = journals(out, "falsify.json")
     with shown() as (tell, report):
         tell("building the closed loop")
@@ -74,4 +78,4 @@ def command(
             worst.save(out / "falsify.json")
     show(worst)
     if out is not None:
-        console().print(f"worst case in {out}", markup=False, soft_wrap=True)
+        print_next(f"worst case in {out}; `spacerobot report {out}` makes a page of it")

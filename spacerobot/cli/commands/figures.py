@@ -27,7 +27,9 @@ Only = Annotated[
 
 Width = Annotated[
     Literal["single", "double"],
-    typer.Option("--width", help="One column of a journal (89 mm) or two (183 mm)."),
+    typer.Option(
+        "--width", metavar="NAME", help="single or double: one column of a journal (89 mm) or two (183 mm)."
+    ),
 ]
 
 

@@ -18,17 +18,22 @@ def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
     since: Annotated[
         float | None,
-        typer.Option("--since", help="Time of the first sample to use [s]; the last capture by default."),
+        typer.Option(
+            "--since",
+            metavar="SECONDS",
+            help="Time of the first sample to use [s]; the last capture by default.",
+        ),
     ] = None,
     noise: Annotated[
         float,
         typer.Option(
             "--noise",
+            metavar="FACTOR",
             min=0,
             help="Noise of the sensors, as a multiple of that of usual star trackers, gyros and encoders.",
         ),
     ] = 1.0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of the noise.")] = 0,
 ) -> None:
     """Identify mass, centre of mass and inertia of a held object from the momentum of a simulated motion.
 

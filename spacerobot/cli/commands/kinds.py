@@ -8,7 +8,7 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import BEGIN, Command
-from spacerobot.cli.output import show
+from spacerobot.cli.output import print_next, show
 
 
 @Command.of("kinds", place=4, group=BEGIN)
@@ -39,4 +39,7 @@ def command(
 
         typer.echo(kind_table.markdown())
         return
-    show(sr.list_kinds(name, kind))
+    listed = sr.list_kinds(name, kind)
+    show(listed)
+    if not listed.keys:
+        print_next("`spacerobot kinds KIND` lists the keys of a kind")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
-from spacerobot.cli.output import console, progress, show
+from spacerobot.cli.output import print_next, progress, show
+from spacerobot.common.errors import ScenarioError
 
 At = Annotated[
     list[str] | None,
@@ -34,7 +35,7 @@ Worst = Annotated[
     ),
 ]
 Margin = Annotated[
-    str,
+    Literal["disk", "gain_up", "gain_down", "phase", "delay"],
     typer.Option(
         "--margin", metavar="NAME", help="disk, gain_up, gain_down, phase or delay, of --worst-case."
     ),
@@ -78,7 +79,11 @@ def command(
     with progress("building the closed loop") as tell:
         result: sr.WorstMargins | sr.SimultaneousMargins | sr.MarginAnalysis
         if worst_case:
-            scene = sr.vary(scene, worst_case)
+            try:
+                scene = sr.vary(scene, worst_case)
+            except ScenarioError as error:  # `tune` names the same texts --vary
+                where = (error.where or "").replace("--vary", "--worst-case")
+                raise ScenarioError(error.message, source=error.source, where=where) from None
             result = sr.worst_margins(scene, instants, margin=margin, loops=loops, progress=tell)
         elif together:
             result = sr.simultaneous_margins(scene, instants, loops=loops, progress=tell)
@@ -91,7 +96,7 @@ def command(
     show(result)
     if out is not None and isinstance(result, sr.MarginAnalysis):
         words = f"margins.nc and figures in {out}; `spacerobot report {out}` makes a page of them"
-        console().print(words, markup=False, soft_wrap=True)
+        print_next(words)
 
 
 def _instant(text: str) -> float | str:

@@ -137,7 +137,11 @@ def command(
         console().print(lines, markup=False, soft_wrap=True)
         return
     if target is None:
-        raise ScenarioError("found none, allowed: the object's URDF", where="--target")
+        raise ScenarioError(
+            "missing: the URDF of the object, as in "
+            "`spacerobot new --capture --robot panda_arm.urdf --target satellite_box.urdf`",
+            where="--target",
+        )
     request = sr.DraftRequest(
         robot or (),
         target,

@@ -17,13 +17,19 @@ from spacerobot.common.tables import Table
 @Command.of("passive-safety", place=5, group=SIMULATE)
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")],
-    drift: Annotated[float, typer.Option("--drift", help="Length of the drift [s].")] = 600.0,
+    drift: Annotated[
+        float, typer.Option("--drift", metavar="SECONDS", help="Duration of the drift [s].")
+    ] = 600.0,
     clearance: Annotated[
-        float | None, typer.Option("--clearance", help="Distance that must be kept [m].")
+        float | None, typer.Option("--clearance", metavar="METRES", help="Distance that must be kept [m].")
     ] = None,
     until: Annotated[
         float | None,
-        typer.Option("--until", help="Time of the last abort [s]; by default the first capture, or the end."),
+        typer.Option(
+            "--until",
+            metavar="SECONDS",
+            help="Time of the last abort [s]; by default the first capture, or the end.",
+        ),
     ] = None,
 ) -> None:
     """Find the smallest distance of robots and target in free drift after an abort at any sample.

@@ -10,10 +10,10 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import PLAN, Command
 from spacerobot.cli.commands.animate import serve
-from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, parse_changes
-from spacerobot.cli.output import console, progress, show, warn
+from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, load
+from spacerobot.cli.output import print_next, progress, show, warn
+from spacerobot.common.errors import ScenarioError
 from spacerobot.common.interrupts import advise
-from spacerobot.scenario.catalogue import find_scenario
 
 if TYPE_CHECKING:
     from spacerobot.api.options import PlanOptions
@@ -22,7 +22,9 @@ Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
     typer.Option(
         "--backend",
-        help="Evaluation of functions; auto compiles if a compiler is available.",
+        metavar="NAME",
+        help="auto, compiled or interpreted: how functions are evaluated; auto compiles if a compiler is "
+        "available.",
     ),
 ]
 Pareto = Annotated[
@@ -110,11 +112,9 @@ def command(
         raise typer.BadParameter(f"does not go with {other}", param_hint="--design")
     if warm_start is not None and (pareto is not None or design):
         raise typer.BadParameter("does not go with --pareto or --design", param_hint="--from")
-    from spacerobot.scenario.document import check_plan_section
-
-    pairs = parse_changes(changes)
-    check_plan_section(find_scenario(scenario), pairs)
-    scene = sr.load_scene(scenario, pairs)
+    if warm_start is not None and not (warm_start.is_file() or (warm_start / "plan.nc").is_file()):
+        raise ScenarioError(f"found {warm_start}, allowed: a plan's folder, or its plan.nc", where="--from")
+    scene = load(scenario, changes, "plan")
     for warning in scene.warnings:
         warn(warning)
     if out is not None:  # where completed searches are kept
@@ -139,6 +139,7 @@ def command(
     advise("")
     show(result)
     if out is not None:
-        console().print(f"\n{files} in {out}", markup=False, soft_wrap=True)
+        following = "" if pareto else f"`spacerobot run {out}/followed.yaml` simulates the plan, "
+        print_next(f"\n{files} in {out}; {following}`spacerobot report {out}` makes a page")
     if view and out is not None:
         serve([out], port)

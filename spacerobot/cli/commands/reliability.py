@@ -10,8 +10,8 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.falsify import Limit, Metric
-from spacerobot.cli.options import Changes, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, progress, show
+from spacerobot.cli.options import Changes, ScenarioName, Threads, load
+from spacerobot.cli.output import print_next, progress, show
 from spacerobot.cli.tuning_options import Seed
 from spacerobot.common.registry import ESTIMATORS
 
@@ -30,10 +30,16 @@ def command(
     ] = "importance",
     variation: Annotated[
         float,
-        typer.Option("--variation", min=1e-3, max=1, help="Coefficient of variation at which sampling ends."),
+        typer.Option(
+            "--variation",
+            metavar="V",
+            min=1e-3,
+            max=1,
+            help="Coefficient of variation of the probability at which sampling ends.",
+        ),
     ] = 0.1,
     budget: Annotated[
-        int, typer.Option("--budget", min=1000, metavar="N", help="Largest number of rollouts.")
+        int, typer.Option("--budget", min=1000, metavar="N", help="Maximum number of rollouts.")
     ] = 20_000,
     seed: Seed = None,
     threads: Threads = None,
@@ -50,7 +56,7 @@ def command(
 
         spacerobot reliability paper --metric grip_force_peak --limit 30 --method line --out out/rare.json
     """
-    scene = sr.load_scene(scenario, parse_changes(changes))
+    scene = load(scenario, changes, "campaign")
     ESTIMATORS.find(method)
     with progress("building and simulating"):
         probability = sr.failure_probability(
@@ -64,4 +70,4 @@ def command(
     show(probability)
     if out is not None:
         probability.save(out)
-        console().print(f"result in {out}", markup=False, soft_wrap=True)
+        print_next(f"result in {out}; `spacerobot report {out}` makes a page of it")

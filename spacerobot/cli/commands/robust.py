@@ -9,8 +9,8 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.run import warn_if_open
-from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, show
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, load
+from spacerobot.cli.output import print_next, show
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -24,17 +24,27 @@ from spacerobot.cli.tuning_options import (
     shown,
     stop_if_interrupted,
 )
+from spacerobot.common.registry import TUNING_METHODS
 
 Measure = Annotated[
     Literal["mean", "percentile", "worst"],
-    typer.Option("--measure", help="Statistic of the samples' objectives that is minimised."),
+    typer.Option(
+        "--measure",
+        metavar="NAME",
+        help="mean, percentile or worst: statistic of the samples' objectives that is minimised.",
+    ),
 ]
 Percent = Annotated[
-    float, typer.Option("--percent", min=1, max=99, metavar="P", help="Percentile of --measure percentile.")
+    float,
+    typer.Option(
+        "--percent", min=1, max=99, metavar="P", help="Percentile that --measure percentile minimises."
+    ),
 ]
 Common = Annotated[int, typer.Option("--samples", min=2, metavar="N", help="Samples used in tuning.")]
 Fresh = Annotated[int, typer.Option("--fresh", min=2, metavar="N", help="Samples of the verification.")]
-Method = Annotated[str, typer.Option("--method", metavar="NAME", help="ga, de, pso, cmaes or nlp.")]
+Method = Annotated[
+    str, typer.Option("--method", metavar="NAME", help=f"{', '.join(TUNING_METHODS.names())}.")
+]
 
 
 @Command.of("robust", place=2, group=TUNE)
@@ -62,7 +72,7 @@ def command(
 
         spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
     """
-    scene = sr.load_scene(scenario, parse_changes(changes))
+    scene = load(scenario, changes, "tuning", "campaign")
     folder, effort = journals(out, "robust.json"), effort_of_ga(budget, runs, starts, seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")
@@ -81,5 +91,5 @@ def command(
     show(tuned)
     if out is not None:
         warn_if_open(result)
-        console().print(f"result and robust.json in {out}", markup=False, soft_wrap=True)
+        print_next(f"result and robust.json in {out}; `spacerobot report {out}` makes a page of the result")
     stop_if_interrupted(tuned.outcome)

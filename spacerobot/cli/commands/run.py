@@ -9,7 +9,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
-from spacerobot.cli.output import console, progress, show, warn
+from spacerobot.cli.output import console, print_next, progress, show, warn
 from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
@@ -26,7 +26,10 @@ Engine = Annotated[
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
     typer.Option(
-        "--backend", help="Evaluation by the casadi engine; auto compiles if a compiler is available."
+        "--backend",
+        metavar="NAME",
+        help="auto, compiled or interpreted: how the casadi engine evaluates its functions; auto chooses by "
+        "the length of the simulation.",
     ),
 ]
 View = Annotated[
@@ -93,7 +96,9 @@ def _conclude(scene: Scene, result: Result) -> None:
         if warning not in printed:
             warn(warning)
     if result.folder is not None:
-        console().print(f"\nresult in {result.folder}", markup=False, soft_wrap=True)
+        print_next(f"\nresult in {result.folder}; `spacerobot report {result.folder}` makes a page of it")
+    else:
+        print_next("\nnot saved; `--out DIR` saves the result, for `spacerobot report DIR`")
 
 
 def run_scene(

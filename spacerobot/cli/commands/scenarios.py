@@ -15,4 +15,8 @@ def command() -> None:
 
         spacerobot scenarios
     """
-    show(sr.list_scenarios())
+    from spacerobot.scenario.catalogue import shipped
+
+    listed = sr.list_scenarios()
+    folder = shipped()["docking"].parent
+    show([*listed.content(), f"`spacerobot run NAME` simulates one; to change one, copy its file from {folder}"])

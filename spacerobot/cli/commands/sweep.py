@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
-from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, load
 from spacerobot.cli.output import show
 from spacerobot.cli.tuning_options import (
     Budget,
@@ -37,7 +37,7 @@ def command(
 
         spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
     """
-    scene = sr.load_scene(scenario, parse_changes(changes))
+    scene = load(scenario, changes, "tuning")
     folder = journals(out, "sweep.json")
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")

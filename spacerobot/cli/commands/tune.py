@@ -9,8 +9,8 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.run import fail_if_diverged
-from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, parse_changes
-from spacerobot.cli.output import console, show
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, load
+from spacerobot.cli.output import print_next, show
 from spacerobot.cli.tuning_options import (
     Budget,
     Runs,
@@ -71,7 +71,7 @@ def command(
         spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
     """
     TUNING_METHODS.find(method)  # refused before anything is loaded
-    scene = sr.load_scene(scenario, parse_changes(changes))
+    scene = load(scenario, changes, *(() if vary else ("tuning",)))
     scene = sr.vary(scene, vary or [])
     folder, effort = journals(out, "tuning.json"), effort_of_ga(budget, runs, starts, seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
@@ -86,6 +86,6 @@ def command(
     show(tuned)
     show([Table.of_pairs("the best design", result.headline())])
     if out is not None:
-        console().print(f"\nresult and tuning.json in {out}", markup=False, soft_wrap=True)
+        print_next(f"\nresult and tuning.json in {out}; `spacerobot report {out}` makes a page of the result")
     stop_if_interrupted(tuned.outcome)
     fail_if_diverged(result)
