@@ -25,7 +25,7 @@ DATA = DOCS / "data" / "touch.json"
 SHOWN = {"contacts as the cube gives them": "wait for 40 s, close in 8 s"} | {
     name: name for name in ("close at once in 8 s", "contacts chosen by prediction")
 }
-DRAWS = (0,)
+DRAWS = (0, 7)
 """Draws of compare.py that are shown."""
 STIFFNESSES, DAMPINGS = (5, 20, 60, 180, 600, 2000), (5, 10, 40, 120, 360)
 """Stiffness [N/m] and damping [N s/m] of both hands."""

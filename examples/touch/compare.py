@@ -1,6 +1,6 @@
 """Contacts at the instants that the cube gives, against contacts that a predictive controller chooses.
 
-python examples/touch/compare.py 16
+python examples/touch/compare.py 64
 
 The draws and the table are those of docs/validation/touch.md.
 """
@@ -82,7 +82,7 @@ def numbers(draws):
     }
 
 
-def main(samples: int = 16) -> None:
+def main(samples: int = 64) -> None:
     """Table of P(caged) with its Wilson interval, peak force and time until the cage is closed."""
     draws, rejected = draws_without_overlap(samples)
     values = numbers(draws)
