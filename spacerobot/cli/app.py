@@ -20,7 +20,7 @@ from rich.markup import escape
 
 from spacerobot.cli.command import GROUPS
 from spacerobot.cli.output import print_error, warn
-from spacerobot.cli.usage_errors import UsageError, describe
+from spacerobot.cli.usage_errors import UsageError, report_usage
 from spacerobot.common.errors import SpaceRobotError, SpaceRobotWarning
 from spacerobot.common.interrupts import INTERRUPTED, minded, reason
 from spacerobot.common.registry import COMMANDS
@@ -181,10 +181,7 @@ def main() -> None:
             arguments = plugins_first(sys.argv[1:])
             sys.exit(command_line()(arguments, prog_name="spacerobot", standalone_mode=False) or 0)
     except UsageError as fault:
-        if type(fault).__name__ == "NoArgsIsHelpError":
-            fault.show()
-        else:
-            print_error(describe(fault, arguments))
+        report_usage(fault, arguments)
         sys.exit(2)
     except SpaceRobotError as fault:
         print_error(str(fault))

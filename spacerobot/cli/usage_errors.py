@@ -12,9 +12,10 @@ from typing import Any
 
 import typer
 
+from spacerobot.cli.output import print_error
 from spacerobot.common.errors import near_names
 
-UsageError = typer.BadParameter.__mro__[1]
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 """Base class of errors of arguments and options in the installed version of Typer."""
 
 ALLOWED = (
@@ -26,6 +27,19 @@ ALLOWED = (
     (r"not one of (.+?)\.?$", "{}"),
 )
 """Patterns of the messages of Click and Pydantic, and the values that they allow."""
+
+
+def report_usage(error: Any, arguments: Sequence[str]) -> None:
+    """Print an error in one line, or the help of a command group without a command.
+
+    Args:
+        error: Instance of :data:`UsageError`.
+        arguments: Arguments of the command line.
+    """
+    if type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
+    else:
+        print_error(describe(error, arguments))
 
 
 def describe(error: Any, arguments: Sequence[str]) -> str:
@@ -76,11 +90,11 @@ def _name(error: Any) -> str:
     hint = getattr(error, "param_hint", None)
     param = getattr(error, "param", None)
     if hint:
-        return hint if isinstance(hint, str) else " ".join(hint)
+        return str(hint if isinstance(hint, str) else " ".join(hint))
     if param is None:
         return ""
     if param.param_type_name == "argument":
-        return (param.metavar or param.name).upper()
+        return str((param.metavar or param.name).upper())
     return str(max(param.opts, key=len))
 
 

@@ -19,4 +19,5 @@ def command() -> None:
 
     listed = sr.list_scenarios()
     folder = shipped()["docking"].parent
-    show([*listed.content(), f"`spacerobot run NAME` simulates one; to change one, copy its file from {folder}"])
+    following = f"`spacerobot run NAME` simulates one; to change one, copy its file from {folder}"
+    show([*listed.content(), following])
