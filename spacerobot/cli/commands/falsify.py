@@ -23,7 +23,7 @@ Limit = Annotated[
     typer.Option(
         "--limit",
         metavar="VALUE",
-        help="A larger value of the metric, is a failure; that of `campaign.limits` if not given.",
+        help="A larger value of the metric is a failure; that of `campaign.limits` if not given.",
     ),
 ]
 
