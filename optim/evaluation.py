@@ -23,7 +23,7 @@ from optim.problem.quantity_measures import (
 from spacerobot.closedloop.loop_cache import SceneContent, cached_closed_loop
 from spacerobot.common.arrays import Array
 from spacerobot.common.datasets import read_dataset, write_dataset
-from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.common.errors import ResultError, ScenarioError, SpaceRobotError
 from spacerobot.common.files import StrPath
 from spacerobot.common.section import numbers
 from spacerobot.common.tables import Table
@@ -33,7 +33,7 @@ from spacerobot.rollout import Measure, Measures, build_rollout
 from spacerobot.rollout.build import Backend, Options
 from spacerobot.scenario.load import to_document
 from spacerobot.scenario.paths import expand, get
-from spacerobot.scenario.units import unit_at
+from spacerobot.scenario.units import limits_at, unit_at
 from spacerobot.scene import Scene, to_scene
 from spacerobot.updates import UpdatedRollout, UpdatedScene
 from spacerobot.updates.scheme import update_schemes
@@ -114,7 +114,8 @@ class GradientResult(DatasetResult):
     def __repr__(self) -> str:
         """Quantities, number of parameters and status, in one line."""
         names = ", ".join(map(str, self.data.quantity.values))
-        return f"<GradientResult {names} by {self.data.sizes['parameter']} parameters: {self.status}>"
+        count = self.data.sizes["parameter"]
+        return f"<GradientResult {names} by {count} parameter{'' if count == 1 else 's'}: {self.status}>"
 
     def content(self) -> list[Table]:
         """Status, values and derivatives."""
@@ -144,7 +145,8 @@ class BatchResult(DatasetResult):
     def __repr__(self) -> str:
         """Number of simulations, and quantities, in one line."""
         lost = int(np.isfinite(self.data.diverged_at.values).sum())
-        return f"<BatchResult of {self.data.diverged_at.size} simulations, {lost} diverged>"
+        count = self.data.diverged_at.size
+        return f"<BatchResult of {count} simulation{'' if count == 1 else 's'}, {lost} diverged>"
 
     def content(self) -> list[Table]:
         """Table of the minimum, median and maximum of each quantity."""
@@ -156,7 +158,7 @@ class BatchResult(DatasetResult):
                     numbers = " .. ".join(f"{value:.4g}" for value in np.quantile(good, [0, 0.5, 1]))
                     rows.append((f"{name} [{variable.attrs['units']}]", numbers))
         lost = int(np.isfinite(self.data.diverged_at.values).sum())
-        title = f"{self.data.diverged_at.size} simulations, {lost} diverged: least .. median .. largest"
+        title = f"{self.data.diverged_at.size} simulations, {lost} diverged: minimum .. median .. maximum"
         return [Table.of_pairs(title, rows)]
 
 
@@ -201,8 +203,13 @@ def gradient(
         SpaceRobotError: If there is no such quantity or parameter.
         DivergedError: If no step keeps to the tolerance.
     """
-    scene, chosen, values = to_scene(scene), find_quantities(quantities), dict(at or {})
+    scene, chosen = to_scene(scene), find_quantities(quantities)
+    if at is not None and not isinstance(at, Mapping):
+        raise ScenarioError(f"found {type(at).__name__}, allowed: values by dotted path", where="at")
+    values = dict(at or {})
     parameters = parameter_paths(scene, parameters)
+    if not parameters:
+        raise ScenarioError("found none, allowed: dotted paths of numbers", where="parameters")
     # each quantity once, and once more with half the step; other values are asked for again and again
     rollouts = 3 * len(chosen) if at is None else None
     vary = tuple(dict.fromkeys((*parameters, *values)))
@@ -252,18 +259,27 @@ def batch(
 
     Raises:
         ScenarioError: If a quantity does not apply to the scene.
-        SpaceRobotError: If there is no such quantity or parameter, or the values differ in number.
+        SpaceRobotError: If there is no such quantity or parameter, the values differ in number, or a value
+            is outside the limits of its key.
     """
     scene, chosen = to_scene(scene), find_quantities(quantities)
-    columns = {path: np.atleast_1d(np.asarray(column, dtype=float)) for path, column in values.items()}
-    lengths = {len(column) for column in columns.values()}
+    columns = {path: _column(path, column) for path, column in values.items()}
+    lengths = sorted({len(column) for column in columns.values()})
     if len(lengths) != 1:
-        raise ScenarioError(f"values: one list of numbers for each parameter, all as long; found {lengths}")
+        found = f"lists of {' and '.join(map(str, lengths))} numbers" if lengths else "no parameter"
+        allowed = "a list of numbers for each parameter, all of the same length"
+        raise ScenarioError(f"found {found}, allowed: {allowed}", where="values")
     (count,) = lengths
     if update_schemes(scene):  # whose processes, such as planners, end with it
         rollout, labels = build_quantity_rollout(scene, chosen, tuple(columns), backend, rollouts=count)
     else:
         rollout, labels = _prepared(scene, chosen, tuple(columns), backend, count)
+    for path, column in columns.items():
+        lower, upper = limits_at(scene.scenario, path)
+        outside = column[(column < lower) | (column > upper)]
+        if outside.size:
+            bounds = f"at least {lower:g}" if upper == np.inf else f"{lower:g} to {upper:g}"
+            raise ScenarioError(f"found {outside[0]:g}, allowed: {bounds}", where=path)
     trajectories = rollout.batch(list(columns), np.column_stack(list(columns.values())), threads=threads)
     duration = scene.scenario.simulation.duration
     sample = next(iter(columns)) if len(columns) == 1 else "sample"
@@ -284,13 +300,29 @@ def batch(
     return BatchResult(xr.Dataset(data, coordinates, {"scenario": scene.scenario.name}))
 
 
+def _column(path: str, numbers: npt.ArrayLike) -> Array:
+    """Values (N,) of a parameter.
+
+    Raises:
+        ScenarioError: If they are no numbers.
+    """
+    try:
+        return np.atleast_1d(np.asarray(numbers, dtype=float))
+    except (TypeError, ValueError):
+        raise ScenarioError(f"found {numbers!r}, allowed: a list of numbers", where=path) from None
+
+
 def find_quantities(names: str | Sequence[str]) -> tuple[Quantity, ...]:
     """Quantities by their names.
 
     Raises:
         SpaceRobotError: If there is no such quantity.
     """
-    return tuple(find_quantity(name) for name in ([names] if isinstance(names, str) else names))
+    listed = [names] if isinstance(names, str) else names
+    if not isinstance(listed, Sequence) or not listed:
+        allowed = "names of quantities, such as 'tip_error_rms'"
+        raise SpaceRobotError(f"quantities: found {names!r}, allowed: {allowed}")
+    return tuple(find_quantity(name) for name in listed)
 
 
 def parameter_paths(scene: Scene, parameters: str | Sequence[str]) -> tuple[str, ...]:

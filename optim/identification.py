@@ -59,9 +59,9 @@ class SensorNoise:
     """Standard deviations of white noise, of one sample.
 
     Attributes:
-        attitude, rate: Of a base, about each axis [rad, rad/s].
-        position, velocity: Of a base's origin, along each axis [m, m/s].
-        joint, joint_rate: Of each joint [rad or m, rad/s or m/s].
+        attitude, rate: Attitude and rate of a base, about each axis [rad, rad/s].
+        position, velocity: Position and velocity of a base's origin, along each axis [m, m/s].
+        joint, joint_rate: Position and rate of each joint [rad or m, rad/s or m/s].
     """
 
     attitude: float = 5e-5

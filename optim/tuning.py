@@ -49,8 +49,8 @@ class TuningResult(Tabular):
 
     Attributes:
         gains: Best values by variable, in the scenario's units.
-        objective: There.
-        status, message: Of the best run.
+        objective: Objective there.
+        status, message: Status and message of the best run.
         scene: The scene with these gains, ready for :func:`spacerobot.simulate`.
         outcome: Every run.
         margins: Stability margins there that the tuning section names: value and requirement, by kind, loop
@@ -136,8 +136,8 @@ def tune(
     """Tune a problem.
 
     Args:
-        problem: From :func:`optim.build_problem`; or a scene, or the name or file of its scenario, with a
-            tuning section; or an :class:`optim.ResultProblem`, whose objective is any Python function of a
+        problem: Problem from :func:`optim.build_problem`; a scene with a tuning section, or the name or file
+            of its scenario; or an :class:`optim.ResultProblem`, whose objective is any Python function of a
             result, for evolutionary methods only.
         method: ``manual``, ``ga``, ``de``, ``pso``, ``cmaes``, ``sobol``, ``random``, ``nlp``, ``nlp_ga``
             (the NLP from the GA's best), or one of a plugin.

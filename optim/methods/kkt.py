@@ -16,13 +16,13 @@ HEAVY = 1e3  # weight that makes multipliers of a minimax problem sum to one
 def kkt_residual(u: Array, at: Linearisation, form: Form) -> float:
     """Norm of the Lagrangian's gradient with the best multipliers, relative to the objective.
 
-    It reads: by what fraction the objective would fall, to first order, for a step of length one in the unit
+    It is the fraction by which the objective would fall, to first order, for a step of length one in the unit
     cube along the steepest direction that bounds and constraints allow.
 
     Args:
         u: The point (k,).
         at: Values and derivatives there.
-        form: Of the objective.
+        form: Form of the objective.
     """
     from scipy.optimize import nnls
 

@@ -23,9 +23,9 @@ def solve(search: Search, start: Array, settings: NlpSettings, *, warm: bool = F
     """Descend from one start.
 
     Args:
-        search: What evaluates.
+        search: Search that evaluates points.
         start: Start (k,) in the unit cube.
-        settings: How it is solved.
+        settings: Settings of the solver.
         warm: Whether the start is nearly optimal: first steps are then short.
 
     Returns:

@@ -151,7 +151,7 @@ def build_limit_state(
     Args:
         scene: A scene whose scenario has a ``campaign`` section.
         quantity: Name of a registered quantity; the one that ``campaign.limits`` bounds if None.
-        limit: Largest value that is no failure, in the quantity's unit; that of ``campaign.limits`` if None.
+        limit: Largest value that is not a failure, in the quantity's unit; ``campaign.limits`` if None.
         threads: Number of threads; one for each usable core if None.
 
     Raises:

@@ -8,7 +8,7 @@ converge to it.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -23,6 +23,7 @@ from spacerobot.common.errors import DivergedError, ScenarioError, SpaceRobotErr
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Table
 from spacerobot.common.tabular import Tabular
+from spacerobot.linear.instants import InstantNames, as_instants
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
 from spacerobot.scene import Scene, build_scene, to_scene
 from spacerobot.simulation import Backend, Progress
@@ -98,7 +99,7 @@ class WorstMargins(Tabular):
 
 def worst_margins(
     scene: Scene | StrPath,
-    at: Iterable[float | str] = (0.0,),
+    at: InstantNames = 0.0,
     *,
     margin: str = "disk",
     loops: str = "*",
@@ -122,7 +123,7 @@ def worst_margins(
     """
     if margin not in MARGINS:
         raise SpaceRobotError(f"no margin '{margin}', {near_names(margin, MARGINS)}")
-    tell, at = progress or (lambda _: None), tuple(at)
+    tell, at = progress or (lambda _: None), as_instants(at)
     scene = changed_scene(to_scene(scene))
     free = variables_of(scene, tuning_of(scene).variables)
     # refuse a range that no scenario may have, such as one of negative masses

@@ -38,7 +38,7 @@ class DaskWorkers:
     """Workers of a cluster; see :class:`optim.workers.Workers`.
 
     Args:
-        client: From :func:`optim.workers.cluster.connect`.
+        client: Client from :func:`optim.workers.cluster.connect`.
         threads: Threads that this process itself may use; each usable core if None.
     """
 

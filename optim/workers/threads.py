@@ -18,7 +18,7 @@ class Threads:
     """Threads of this process.
 
     Attributes:
-        threads: How many; one for each usable core if None.
+        threads: Number of threads; one for each usable core if None.
     """
 
     threads: int | None = None

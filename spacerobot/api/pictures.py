@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -303,7 +303,12 @@ def opened(sources: Sources, *, several: bool = False) -> list[Source]:
 
 def _listed(sources: Sources) -> Sequence[Source | StrPath]:
     """Results and folders as a list."""
-    return [sources] if isinstance(sources, Source | str | os.PathLike) else list(sources)
+    listed = [sources] if isinstance(sources, Source | str | os.PathLike) else sources
+    for source in listed if isinstance(listed, Iterable) else [listed]:
+        if not isinstance(source, Source | str | os.PathLike):
+            allowed = "results, plans, studies, or their folders"
+            raise ResultError(f"found {type(source).__name__}, allowed: {allowed}", where="results")
+    return list(listed)
 
 
 def _study_name(source: Source | StrPath) -> str | None:

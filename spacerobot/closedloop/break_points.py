@@ -51,7 +51,7 @@ class BreakPoints:
 
         Args:
             place: One of :data:`PLACES`.
-            names: Of the components.
+            names: Names of the components.
             signal: Its values. A law may be evaluated more than once: the first signal of a name counts.
         """
         added = []

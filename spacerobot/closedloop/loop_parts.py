@@ -55,7 +55,7 @@ class LoopParts:
         plant, start: Mechanics at the current state, and at the initial one.
         phase_states: States that phases store, by a short name.
         measurements: Sampled measurements, by name.
-        samples: What controllers and estimators read from sensors with errors, by signal and label.
+        samples: Readings of sensors with errors for controllers and estimators, by signal and label.
         driven: Contributions of a robot's actuators, by its name; filled by :meth:`actuators`.
         pushed: Impulses of the actuators of bases that estimators count (2 or 3 linear, 1 or 3 angular
             components), by the base's joint.

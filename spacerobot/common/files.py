@@ -75,7 +75,7 @@ def readable(what: str, source: Path) -> Iterator[None]:
     """Report a missing or damaged file in one line.
 
     Args:
-        what: What the file should hold: ``tuning``, ``plan``.
+        what: Content that the file should have: ``tuning``, ``plan``.
         source: The file.
 
     Raises:

@@ -95,7 +95,7 @@ class MjcfTree:
             raise self.error(element, f"found {attribute}={text[:60]!r}, allowed: numbers") from None
         if (count is not None and len(values) != count) or not np.all(np.abs(values) <= LARGEST):
             allowed = f"{count} finite numbers" if count is not None else "finite numbers"
-            raise self.error(element, f"found {attribute}={text[:60]!r} found, allowed: {allowed}")
+            raise self.error(element, f"found {attribute}={text[:60]!r}, allowed: {allowed}")
         return values
 
     @property

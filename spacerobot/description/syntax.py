@@ -179,11 +179,11 @@ class _Checker:
         good = [word for word in words if _NUMBER.fullmatch(word) and math.isfinite(float(word))]
         if len(good) != len(words) or len(words) != count:
             noun = "one finite number" if count == 1 else f"{count} finite numbers"
-            raise self._error(element, f"{attribute}={_shorten(text)!r} found, allowed is {noun}")
+            raise self._error(element, f"found {attribute}={_shorten(text)!r}, allowed: {noun}")
         for word in words:
             if not low <= float(word) <= high:
                 raise self._error(
-                    element, f"{attribute}={_shorten(text)!r} found, allowed: {low:g} to {high:g}"
+                    element, f"found {attribute}={_shorten(text)!r}, allowed: {low:g} to {high:g}"
                 )
 
     def _error(self, element: etree._Element, message: str) -> DescriptionError:

@@ -34,7 +34,7 @@ from spacerobot.common.files import StrPath
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.write import urdf_xml
 from spacerobot.drafting.arms import DraftArm, as_name, read, scene_of
-from spacerobot.drafting.held import DraftRequest, held_scene
+from spacerobot.drafting.held import DraftRequest, held_scene, mating_frames
 from spacerobot.drafting.numbers import SPAN, DraftNumbers, payload_of, short
 from spacerobot.drafting.spacecraft import Spacecraft, spacecraft
 from spacerobot.drafting.text import flow, guidance_lines, guidance_variables, joint_lines
@@ -198,14 +198,15 @@ class CaptureGeometry:
                 f"found {count + (order.bus is not None)} robots, allowed with --capture: {allowed}",
                 where="--robot",
             )
-        (arm,), bare, held = held_scene(order, file.absolute(), progress)
-        grasp, target = held.grasps[0], held.bodies[-1]
-        if grasp.config.frame == target.description.root:
+        _, description = read(order.target, file.absolute().parent)
+        if mating_frames(order, description) == [description.root]:
             raise ScenarioError(
-                f"{target.description.path.name} has no mating frame (an end link without mass); name a "
+                f"{description.path.name} has no mating frame (an end link without mass); name a "
                 "link of its surface by --frame, or a point by --point=x,y,z",
                 where="--frame",
             )
+        (arm,), bare, held = held_scene(order, file.absolute(), progress)
+        grasp, target = held.grasps[0], held.bodies[-1]
         data = held.model.createData()
         pin.framesForwardKinematics(held.model, data, held.q)
         tip, mate = data.oMf[grasp.tip.frame], data.oMf[grasp.frame]

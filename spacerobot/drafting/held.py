@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.common.files import StrPath
+from spacerobot.description.read import Description
 from spacerobot.drafting.arms import DraftArm, RobotFiles, as_name, ends, make_arm, read, scene_of, stand_in
 from spacerobot.drafting.mounts import equipped, read_mounts
 from spacerobot.drafting.numbers import DraftNumbers, payload_of
@@ -106,28 +107,10 @@ def held_scene(
             "one robot alone may be fixed; the others are placed by their grasps", where="--base"
         )
     tell = progress or (lambda _: None)
+    urdf, description = read(order.target, source.parent)
+    frames = mating_frames(order, description)
     tell("choosing a posture")
     arms = _arms(order, source)
-    urdf, description = read(order.target, source.parent)
-    # mating frame of each robot: requested ones, else massless end links of the target, else its root
-    requested, count = order.frames, len(arms)
-    file, names = description.path.name, [link.name for link in description.links]
-    for frame in requested:
-        if frame not in names:
-            raise ScenarioError(f"no link {frame!r} in {file}; {near_names(frame, names)}", where="--frame")
-    light = {link.name for link in description.links if link.mass == 0}
-    candidates = [*requested] or [
-        name for name in ends(description) if name in light and name != description.root
-    ]
-    if not candidates and count == 1:
-        frames = [description.root]
-    else:
-        if len(candidates) < count or (requested and len(requested) != count):
-            raise ScenarioError(
-                f"name one link of {file} for each of the {count} robots; its links: {', '.join(names)}",
-                where="--frame",
-            )
-        frames = candidates[:count]
     planar = all(arm.planar for arm in arms)
     base = order.base or ("planar" if planar else "free_flyer")
     if base == "free_flyer" and planar:
@@ -147,6 +130,33 @@ def held_scene(
             if not overlaps(clear_scene):
                 return [clear], there, clear_scene
     return arms, bare, scene
+
+
+def mating_frames(order: DraftRequest, target: Description) -> list[str]:
+    """Mating frame of each robot: requested ones, else massless end links of the target, else its root.
+
+    Args:
+        order: Request with robots and target.
+        target: The target's URDF.
+
+    Raises:
+        ScenarioError: If a requested link does not exist, or there are fewer frames than robots.
+    """
+    requested, count = order.frames, max(1, len(order.robots))
+    file, names = target.path.name, [link.name for link in target.links]
+    for frame in requested:
+        if frame not in names:
+            raise ScenarioError(f"no link {frame!r} in {file}; {near_names(frame, names)}", where="--frame")
+    light = {link.name for link in target.links if link.mass == 0}
+    candidates = [*requested] or [name for name in ends(target) if name in light and name != target.root]
+    if not candidates and count == 1:
+        return [target.root]
+    if len(candidates) < count or (requested and len(requested) != count):
+        raise ScenarioError(
+            f"name one link of {file} for each of the {count} robots; its links: {', '.join(names)}",
+            where="--frame",
+        )
+    return candidates[:count]
 
 
 def _placed(

@@ -146,6 +146,8 @@ def draft(
             simulated, or a file exists.
         ResultError: If the URDF with a mating frame cannot be written.
     """
+    if not isinstance(request, DraftRequest):
+        raise ScenarioError(f"found {type(request).__name__}, allowed: a DraftRequest", where="request")
     if not (request.robots or request.bus):
         raise ScenarioError("found none, allowed: --robot, or --bus with --mount", where="--robot")
     place = Path(f"{Path(request.bus or request.robots[0]).stem}.yaml" if file is None else file)
@@ -374,5 +376,5 @@ def _slowest(loop: ClosedLoop, at: Mapping[float, Instant]) -> str:
     damping = -poles.real / np.abs(poles)
     return (
         f"linearised {where}: fastest pole {np.abs(poles).max():.3g} 1/s, "
-        f"least damping ratio {damping.min():.2g} (stable above 0, no oscillation at 1)."
+        f"minimum damping ratio {damping.min():.2g} (stable above 0, no oscillation at 1)."
     )

@@ -71,7 +71,7 @@ class LocalMotion:
         Terms of the velocities are left out.
 
         Args:
-            acceleration: Of the parent's frame (6x1), in its calculation axes; the result is in these axes.
+            acceleration: Acceleration of the parent's frame (6x1), in its calculation axes, as the result.
         """
         linear, angular = acceleration[:3], acceleration[3:]
         return ca.vertcat(self.inward(linear + cross(angular, self.arm)), self.inward(angular))

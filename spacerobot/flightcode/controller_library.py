@@ -150,7 +150,7 @@ def loaded_controller(
             :func:`spacerobot.flightcode.extract.onboard_software`.
 
     Raises:
-        SpaceRobotError: As of :class:`ControllerLibrary`.
+        SpaceRobotError: As for :class:`ControllerLibrary`.
     """
     if isinstance(controller, str) and controller.startswith(PREFIXES):
         return ControllerLink(open_stream(controller), onboard_software(scene, loop), controller)

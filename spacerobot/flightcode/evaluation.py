@@ -87,7 +87,7 @@ def evaluate_rows(
         function: Function of SX expressions.
         arguments: All its arguments, one row a call (n, m).
         kind: Type of every intermediate number.
-        factors: By which results of the library's functions are multiplied, one column a call (n, calls).
+        factors: Factors of the results of the library's functions, one column a call (n, calls).
 
     Returns:
         numpy.ndarray: All its results (n, k).

@@ -59,10 +59,10 @@ $agreement
 
 ## MISRA C:2012
 
-`cppcheck --std=c99 --addon=misra *.c` (2.10) has no finding in what flies: `$name.c`, `${name}_functions.c`
-and their headers. The addon does not see that truth values are kept in real numbers (10.1: operands of `!`,
-`&&`, `||`), as CasADi writes them. The two programs of the test bench, `test_vectors.c` (t) and
-`processor_in_the_loop.c` (p), which do not fly, keep:
+`cppcheck --std=c99 --addon=misra *.c` (2.10) reports nothing about the code that flies: `$name.c`,
+`${name}_functions.c` and their headers. The addon does not see that truth values are kept in real
+numbers (10.1: operands of `!`, `&&`, `||`), as CasADi writes them. The two programs of the test bench,
+`test_vectors.c` (t) and `processor_in_the_loop.c` (p), which do not fly, keep:
 
 | rule | t | p | why it stays |
 |---|---|---|---|

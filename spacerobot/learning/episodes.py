@@ -77,7 +77,7 @@ class Step:
     """Outcome of a step of n episodes.
 
     Attributes:
-        observations, rewards: Of each episode, (n, no) and (n,).
+        observations, rewards: Observations (n, no) and rewards (n,) of each episode.
         terminated, truncated: Whether it ended, and whether its duration is over (n,).
         times_s: Time that was reached (n,) [s].
         events: Names of the events of each.

@@ -13,6 +13,9 @@ from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DivergedError, ScenarioError, near_names
 from spacerobot.rollout import FiredEvent, Rollout, Trajectory, time_grid
 
+InstantNames = float | str | Iterable[float | str]
+"""Times [s], and kinds or names of events; one, or several."""
+
 
 @dataclass(frozen=True)
 class Instant:
@@ -33,6 +36,11 @@ class Instant:
     def is_start(self) -> bool:
         """Whether it is the start of the simulation, whose state is the scenario's initial state."""
         return self.time_s == 0 and "," not in self.label
+
+
+def as_instants(at: InstantNames) -> list[float | str]:
+    """Times and events as a list, also of a single one."""
+    return [at] if isinstance(at, str | int | float) else list(at)
 
 
 def check_instants(loop: ClosedLoop, duration_s: float, at: Iterable[float | str]) -> None:

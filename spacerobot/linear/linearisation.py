@@ -37,7 +37,7 @@ from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Content, Table
 from spacerobot.common.tabular import Tabular
 from spacerobot.linear.complex_step import evaluate
-from spacerobot.linear.instants import Instant, check_instants, instants
+from spacerobot.linear.instants import Instant, InstantNames, as_instants, check_instants, instants
 from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition
 from spacerobot.rollout import Rollout
 from spacerobot.scene import Scene, to_scene
@@ -279,7 +279,7 @@ def python_control() -> Any:
 
 def linearise(
     scene: Scene | StrPath,
-    at: Iterable[float | str] = (0.0,),
+    at: InstantNames = 0.0,
     *,
     outputs: Iterable[str] = (),
     backend: Backend = "auto",
@@ -293,7 +293,7 @@ def linearise(
             after.
         outputs: Names of outputs of the simulation, such as ``tip_position``, after the break points'
             signals.
-        backend, progress: As of :func:`spacerobot.simulate`.
+        backend, progress: As for :func:`spacerobot.simulate`.
 
     Returns:
         list of LinearSystem: In the order of ``at``.
@@ -305,7 +305,7 @@ def linearise(
     """
     tell = progress or (lambda _: None)
     tell("building the closed loop")
-    at = list(at)
+    at = as_instants(at)
     lineariser = Lineariser.of(to_scene(scene), outputs, at=at)
     rollout = lineariser.rollout(backend, tell)
     tell("simulating and linearising")

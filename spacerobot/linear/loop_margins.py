@@ -27,7 +27,7 @@ from spacerobot.common.errors import ResultError, SpaceRobotError
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Content, Table
 from spacerobot.common.tabular import Tabular
-from spacerobot.linear.instants import events_of, instants, samples
+from spacerobot.linear.instants import InstantNames, as_instants, events_of, instants, samples
 from spacerobot.linear.linearisation import Lineariser, LinearSystem
 from spacerobot.linear.loop_response import loop_responses, response_slopes, responses
 from spacerobot.scene import Scene, to_scene
@@ -240,7 +240,7 @@ def _with_note(table: Table) -> list[Content]:
 
 def margins(
     scene: Scene | StrPath,
-    at: Iterable[float | str] = (0.0,),
+    at: InstantNames = 0.0,
     *,
     along: int = 0,
     backend: Backend = "auto",
@@ -264,7 +264,7 @@ def margins(
         raise SpaceRobotError(f"along: found {along:g}, allowed: 0, or from 2 to {MAX_INSTANTS}")
     tell = progress or (lambda _: None)
     tell("building the closed loop")
-    at = list(at)
+    at = as_instants(at)
     scene = to_scene(scene)
     lineariser = Lineariser.of(scene, at=() if along else at)
     rollout = lineariser.rollout(backend, tell)

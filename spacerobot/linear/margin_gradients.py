@@ -20,7 +20,7 @@ import numpy as np
 
 from spacerobot.common.arrays import Array
 from spacerobot.linear.complex_step import STEP, derivative, evaluate
-from spacerobot.linear.instants import Instant, instants
+from spacerobot.linear.instants import Instant, InstantNames, as_instants, instants
 from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem
 from spacerobot.linear.loop_margins import LoopMargins, loop_margins
 from spacerobot.scene import Scene
@@ -74,7 +74,7 @@ class ParametricLinearisation:
     def of(
         cls,
         scene: Scene,
-        at: Iterable[float | str],
+        at: InstantNames,
         variables: Sequence[Sequence[str]],
         backend: Backend = "auto",
         progress: Progress | None = None,
@@ -82,7 +82,7 @@ class ParametricLinearisation:
         """Simulate a scene up to instants, and prepare its linearisation there.
 
         Args:
-            scene, at, backend, progress: As of :func:`spacerobot.linearise`.
+            scene, at, backend, progress: As for :func:`spacerobot.linearise`.
             variables: Dotted paths that each variable sets.
 
         Raises:
@@ -90,7 +90,7 @@ class ParametricLinearisation:
                 on a path.
         """
         tell = progress or (lambda _: None)
-        at = list(at)
+        at = as_instants(at)
         lineariser = Lineariser.of(scene, vary=[path for paths in variables for path in paths], at=at)
         loop = lineariser.loop
         places = tuple(tuple(loop.index(path) for path in paths) for paths in variables)

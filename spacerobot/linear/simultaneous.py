@@ -16,7 +16,7 @@ until none can change the result; the D of one frequency also gives bounds at al
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -28,6 +28,7 @@ from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Table
 from spacerobot.common.tabular import Tabular
+from spacerobot.linear.instants import InstantNames
 from spacerobot.linear.linearisation import LinearSystem, linearise
 from spacerobot.linear.loop_response import AT_ONCE, frequency_grid
 from spacerobot.scene import Scene
@@ -71,7 +72,7 @@ class SimultaneousMargins(Tabular):
 
 def simultaneous_margins(
     scene: Scene | StrPath,
-    at: Iterable[float | str] = (0.0,),
+    at: InstantNames = 0.0,
     *,
     loops: str = "*",
     backend: Backend = "auto",

@@ -68,6 +68,11 @@ class PassiveSafety(Tabular):
     pairs: tuple[tuple[str, str], ...]
     duration_s: float
 
+    def __repr__(self) -> str:
+        """Number of aborts and minimum distance, in one line."""
+        distance = self.distance_m[self.worst]
+        return f"<PassiveSafety of {len(self.time_s)} aborts: minimum distance {distance:.4g} m>"
+
     def content(self) -> list[Table]:
         """Table with the minimum distance of all aborts."""
         return [Table.of_pairs("passive safety", self.rows())]

@@ -87,6 +87,8 @@ def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Su
     """
     from spacerobot.scenario.load import to_yaml
 
+    if folder.exists() and not folder.is_dir():
+        raise ResultError("is a file, not a folder", source=folder)
     with uninterrupted(), _writing(folder), _stage(folder) as stage:
         (stage / SCENARIO).write_text(to_yaml(scenario), encoding="utf-8")
         encoding = {str(name): {"zlib": True, "complevel": 1} for name in data.data_vars}

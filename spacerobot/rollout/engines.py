@@ -90,9 +90,9 @@ def compile_kernel(
     """Compile a kernel together with the rollout loops.
 
     Args:
-        kernel: What to compile; with the reverse functions if ``adjoint``.
+        kernel: Functions to compile; with the reverse functions if ``adjoint``.
         lanes: Number of rollouts that are integrated together.
-        toolchain: What to compile with; found if None.
+        toolchain: Compiler and options; searched if None.
         adjoint: Whether to build the adjoint as well.
         progress: As for :func:`compile_functions`.
     """

@@ -223,7 +223,7 @@ def _read_oem(lines: list[str], source: Path) -> OrbitEphemeris:
         raise ScenarioError(f"lacks {', '.join(missing) or 'states: two at least are needed'}", source=source)
     if keys["CENTER_NAME"] != "EARTH" or keys["REF_FRAME"] not in INERTIAL:
         frame = f"CENTER_NAME {keys['CENTER_NAME']}, REF_FRAME {keys['REF_FRAME']}"
-        raise ScenarioError(f"{frame} found, allowed: EARTH, {', '.join(INERTIAL)}", source=source)
+        raise ScenarioError(f"found {frame}, allowed: EARTH, {', '.join(INERTIAL)}", source=source)
     first = rows[0][0]
     times = np.array([(time - first).total_seconds() for time, _ in rows])
     if (np.diff(times) <= 0).any():

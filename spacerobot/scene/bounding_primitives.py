@@ -21,7 +21,7 @@ def shape_of(geometry: Geometry, link: str) -> CollisionShape:
 
     Args:
         geometry: No mesh.
-        link: What carries it, as robot/link.
+        link: Link that carries it, as robot/link.
     """
     every: Any = kinds("shape").values()
     kind = next(kind for kind in every if kind.urdf_geometry == geometry.kind)
@@ -41,7 +41,7 @@ def wrapped(geometry: Geometry, wrap: Wrap, link: str) -> tuple[CollisionShape, 
     Args:
         geometry: A mesh or a cylinder.
         wrap: Kind of the shape.
-        link: What carries it, as robot/link.
+        link: Link that carries it, as robot/link.
     """
     kind: Any = kinds("shape")[wrap]
     # points whose hull is the shape (n, 3) [m], own axes, and the axes along which a capsule may lie. Of a

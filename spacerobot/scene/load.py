@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spacerobot.common.errors import ScenarioError
 from spacerobot.common.files import StrPath
 from spacerobot.scenario.catalogue import find_scenario
 from spacerobot.scenario.document import read_document
@@ -39,7 +40,7 @@ def load_scene(
     Raises:
         ScenarioError, DescriptionError: If anything in the scenario or its URDFs cannot be simulated.
     """
-    pairs = tuple(changes.items() if isinstance(changes, Mapping) else changes)
+    pairs = change_pairs(changes)
     scenario, source = read_scenario(name, pairs)
     from spacerobot.scene.resolve import resolve
 
@@ -47,6 +48,25 @@ def load_scene(
     from spacerobot.scene.build import assemble
 
     return replace(assemble(resolved, descriptions, source=source), changes=pairs)
+
+
+def change_pairs(changes: Mapping[str, Any] | Sequence[tuple[str, Any]]) -> tuple[tuple[str, Any], ...]:
+    """Changes of a scenario as pairs of dotted path and value.
+
+    Raises:
+        ScenarioError: If they are neither a mapping nor pairs, or a path is no text.
+    """
+    items = changes.items() if isinstance(changes, Mapping) else changes
+    wrong: Any = changes
+    try:
+        pairs = tuple((path, value) for path, value in items)
+        wrong = next((path for path, _ in pairs if not isinstance(path, str)), "")
+    except (TypeError, ValueError):  # neither a mapping nor pairs
+        pairs = ()
+    if wrong != "":
+        message = f"found {wrong!r}, allowed: values by path, such as {{'simulation.duration': 20}}"
+        raise ScenarioError(message, where="changes")
+    return pairs
 
 
 def read_scenario(name: StrPath, changes: Sequence[tuple[str, Any]] = ()) -> tuple[Scenario, Path]:
@@ -59,6 +79,8 @@ def read_scenario(name: StrPath, changes: Sequence[tuple[str, Any]] = ()) -> tup
     Raises:
         ScenarioError: If the file cannot be read, or the scenario or a change is not valid.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise ScenarioError(f"found {type(name).__name__}, allowed: its name or its file", where="scenario")
     source = find_scenario(os.fspath(name))
     named = re.sub(r"[^\w-]", "_", source.stem, flags=re.ASCII).lstrip("0123456789-")[:64]
     document = {"name": named or "scenario"} | read_document(source)
@@ -78,4 +100,11 @@ def to_scene(scene: Scene | StrPath) -> Scene:
     Raises:
         ScenarioError, DescriptionError: As :func:`load_scene`.
     """
-    return load_scene(scene) if isinstance(scene, str | os.PathLike) else scene
+    if isinstance(scene, str | os.PathLike):
+        return load_scene(scene)
+    from spacerobot.scene.scene import Scene
+
+    if not isinstance(scene, Scene):
+        allowed = "a scene of `load_scene`, or the name or file of its scenario"
+        raise ScenarioError(f"found {type(scene).__name__}, allowed: {allowed}", where="scene")
+    return scene

@@ -118,7 +118,7 @@ class SceneBody:
         """Stiffness and damping of each joint of flexible links that is not locked, by its name in the URDF.
 
         Args:
-            number: From the name of a flexible link and a key of its section to the number.
+            number: Function from the name of a flexible link and a key of its section to the number.
 
         Returns:
             dict: Stiffness [N m/rad or N/m] and damping [N m s/rad or N s/m].
@@ -290,7 +290,7 @@ class Scene(Tabular):
         """Error that names the scenario's file.
 
         Args:
-            message: What was found, what is allowed, and how to mend it.
+            message: Value that was found, allowed values, and remedy.
             where: Dotted path in the scenario; None for the scenario as a whole.
         """
         return ScenarioError(message, source=self.source, where=where)

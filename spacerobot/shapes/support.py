@@ -230,7 +230,7 @@ class SmoothTerm:
 
         Args:
             n: Unit vector, world axes (3x1).
-            crown: Of no effect.
+            crown: Not used.
         """
         del crown
         return self.derivatives(n)[0]
@@ -240,7 +240,7 @@ class SmoothTerm:
 
         Args:
             n: Unit vector, world axes (3x1).
-            crown: Of no effect.
+            crown: Not used.
         """
         del crown
         return self.derivatives(n)[1]
@@ -250,7 +250,7 @@ class SmoothTerm:
 
         Args:
             n: Unit vector, world axes (3x1).
-            crown, memory: Of no effect.
+            crown, memory: Not used.
             tangents: Two tangents to the unit sphere at n, as rows (2x3).
 
         Returns:
@@ -269,7 +269,7 @@ class SmoothTerm:
         """Memory after a step, which is empty.
 
         Args:
-            n, crown, step: Of no effect.
+            n, crown, step: Not used.
             memory: Empty memory (0x1), returned as it is.
         """
         del n, crown, step

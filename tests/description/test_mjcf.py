@@ -180,7 +180,7 @@ simulation: {{duration: 0.5}}
         ('file="limits.xml"', 'file="missing.xml"', "includes 'missing.xml', which cannot be read"),
         ('file="limits.xml"', 'file="arm.xml"', "includes 'arm.xml' twice"),
         ('mass="30"', 'mass="heavy"', "found mass='heavy', allowed: numbers"),
-        ('mass="30"', 'mass="nan"', "mass='nan' found, allowed"),
+        ('mass="30"', 'mass="nan"', "found mass='nan', allowed"),
         ('<body name="slider"', '<body name="s"><freejoint/></body><body name="slider"', "free joint below"),
         (
             '<light pos="0 0 3"/>',

@@ -213,11 +213,11 @@ REFUSED = {
     "no limit": ("", {}, "joint 'j'.*<limit>"),
     "effort": ('<limit lower="0" upper="1" velocity="1"/>', {}, "joint 'j' <limit>.*no 'effort'"),
     "range": ('<limit lower="1" upper="0" effort="1" velocity="1"/>', {}, "joint 'j'.*above upper"),
-    "negative damping": ("LIMIT<dynamics damping='-1'/>", {}, "joint 'j' <dynamics>.*damping='-1' found"),
+    "negative damping": ("LIMIT<dynamics damping='-1'/>", {}, "joint 'j' <dynamics>.*found damping='-1'"),
     "zero axis": ("LIMIT<axis xyz='0 0 0'/>", {}, "joint 'j'.*axis is zero"),
     "two axes": ("LIMIT<axis xyz='0 0 1'/><axis xyz='0 1 0'/>", {}, "joint 'j'.*2 <axis>"),
-    "short axis": ("LIMIT<axis xyz='0 1'/>", {}, "joint 'j' <axis>.*'0 1' found, allowed is 3 finite"),
-    "nan": ("LIMIT<origin xyz='0 nan 0'/>", {}, "joint 'j' <origin>.*'0 nan 0' found"),
+    "short axis": ("LIMIT<axis xyz='0 1'/>", {}, "joint 'j' <axis>.*'0 1', allowed: 3 finite"),
+    "nan": ("LIMIT<origin xyz='0 nan 0'/>", {}, "joint 'j' <origin>.*found xyz='0 nan 0'"),
     "overflow": ("LIMIT<origin xyz='0 1e400 0'/>", {}, "joint 'j' <origin>.*1e400"),
     "far away": ("LIMIT<origin xyz='0 1e300 0'/>", {}, "joint 'j' <origin>.*allowed: -1e"),
     "underscore": ("LIMIT<origin xyz='0 1_0 0'/>", {}, "joint 'j' <origin>.*1_0"),
@@ -227,7 +227,7 @@ REFUSED = {
     "negative mass": (
         "LIMIT",
         {"b": '<inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'},
-        "link 'b' <mass>.*'-1' found, allowed: 0 to",
+        "link 'b' <mass>.*'-1', allowed: 0 to",
     ),
     "infinite inertia": (
         "LIMIT",

@@ -116,7 +116,7 @@ def test_the_scenario_starts_there(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"frame": "ITRF2000"}, "REF_FRAME ITRF2000 found, allowed: EARTH, TEME"),
+        ({"frame": "ITRF2000"}, "found CENTER_NAME EARTH, REF_FRAME ITRF2000, allowed: EARTH, TEME"),
         ({"frame": "GCRF"}, "has the frame 'GCRF', that of the chaser is 'EME2000'; convert one"),
         ({"scale": "TAI"}, "has the time system 'TAI', that of the chaser is 'UTC'; convert one"),
     ],

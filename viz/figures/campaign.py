@@ -25,7 +25,7 @@ class SampleSpread:
     """A metric over many samples.
 
     Attributes:
-        samples: By name of the design: values (n,); NaN or infinite where a rollout diverged or has no such
+        samples: Values (n,) by name of the design; NaN or infinite where a rollout diverged or has no such
             value, as the time of a missed capture, which counts as worse than any value.
         quantity, unit: Name and unit of the metric.
         limit: Upper limit of the metric; None without one.

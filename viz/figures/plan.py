@@ -45,7 +45,7 @@ def plan_joints(plan: xr.Dataset, simulation: Result | None = None) -> Drawing:
     """Joint positions, rates and torques of each robot, with limits; active ones are marked.
 
     Args:
-        plan: What stands in ``plan.nc``.
+        plan: Content of ``plan.nc``.
         simulation: Result of its scenario, drawn dotted over the plan.
     """
     labels = [str(joint) for joint in plan.joint.values]
@@ -93,7 +93,7 @@ def plan_bases(plan: xr.Dataset, flown: Result | None = None) -> Drawing:
     Active limits are marked.
 
     Args:
-        plan: What stands in ``plan.nc``, with ``base_wrench``.
+        plan: Content of ``plan.nc``, with ``base_wrench``.
         flown: Result of its scenario: the motion is drawn dotted over the plan's.
     """
     drives, rows = [str(drive) for drive in plan.drive.values], list[tuple[str, str, list[str]]]()
@@ -158,7 +158,7 @@ def plan_constraints(plan: xr.Dataset) -> Drawing:
     """Distances, cones and what else holds along a plan, each with its limits; active ones are marked.
 
     Args:
-        plan: What stands in ``plan.nc``; with ``constraint_flown``, drawn dotted over it, where it was flown.
+        plan: Content of ``plan.nc``; ``constraint_flown`` of a flown plan is drawn dotted over it.
     """
     names = [str(name) for name in plan.constraint_name.values]
     figure, axes = panel_grid(len(names), 2, sharex=True, height_in=1.6)

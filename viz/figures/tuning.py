@@ -28,7 +28,7 @@ def convergence(
     line, and the medians of the other methods in the background.
 
     Args:
-        runs: By method, for each run (n, 2): cost in rollouts and relative gap at each improvement.
+        runs: Cost in rollouts and relative gap at each improvement, for each run (n, 2), by method.
         targets: Gaps that are marked.
         ends: Cost at which each run ended (runs,), by method.
     """

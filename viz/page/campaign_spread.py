@@ -37,7 +37,7 @@ class CampaignSpread:
 
     Args:
         scene: The scene.
-        rollout: What rolls it out.
+        rollout: Compiled rollout of the scene.
     """
 
     def __init__(self, scene: Scene, rollout: Rollout) -> None:

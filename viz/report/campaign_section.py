@@ -56,7 +56,7 @@ class CampaignReport:
     Attributes:
         summary: As in ``summary.json``.
         data: Draws and metrics of every sample.
-        worst: By set of gains: its worst sample, simulated.
+        worst: Simulation of the worst sample, by set of gains.
         bands: Percentile bands of each recorded signal, by set of gains.
         spreads: Data of all samples for the animated page, one entry for each set of gains; see
             :func:`viz.report.campaign_data.spreads`.

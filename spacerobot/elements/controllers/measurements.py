@@ -63,7 +63,7 @@ def first_rotation(robot: RobotContext, tip: TipContext, link: str) -> ca.SX:
     """Rotation of a link of the target at the start (3x3), from which its orientation is counted.
 
     Args:
-        robot, tip, link: As of :func:`target_readings`.
+        robot, tip, link: As for :func:`target_readings`.
     """
     frame = _target_frame(robot.plant, link)
     return robot.context.once(f"attitude.{tip.label}", robot.start.placement(frame)[0])

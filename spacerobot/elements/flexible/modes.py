@@ -80,7 +80,7 @@ def modal_body(participation: Participation, radius: float) -> ModalBody:
 
     Args:
         participation: L at the attachment [kg^(1/2), kg^(1/2) m].
-        radius: Of gyration of the appendage [m]: the arm where the mode gives none.
+        radius: Radius of gyration of the appendage [m], the arm of a mode that gives none.
     """
     force, couple, nothing = np.array(participation[:3]), np.array(participation[3:]), np.zeros(3)
     s = float(np.linalg.norm(force))
