@@ -149,7 +149,7 @@ class ParametricLinearisation:
         margins = [one for one in loop_margins(system, loops) if not math.isnan(one.disk)]
         sign = -1.0 if margin == "gain_down" else 1.0
         named = [(sign, margin, one) for one in margins]
-        if margins and _is_destabilised(system, margins):
+        if margins and is_destabilised(system, margins):
             nearest = min(range(len(margins)), key=lambda i: margins[i].disk)
             named[nearest] = (-1.0, "disk", margins[nearest])
         if least:
@@ -165,11 +165,15 @@ class ParametricLinearisation:
         ]
 
 
-def _is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
+def is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
     """Whether a mode grows because of the loops.
 
     At the onset of instability, L = -1 at the pole: its frequency is a crossover of every loop involved. A
     mode that grows far more slowly, or also with all loops open, is a drift of the motion.
+
+    Args:
+        system: Closed loop at an instant.
+        loops: Margins of its loops.
     """
     if not system.growing:
         return False

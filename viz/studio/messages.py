@@ -12,7 +12,8 @@ from the scenario by dotted path. Requests, and the answers:
   ``method``, ``budget`` or ``samples``): repeated ``job`` with ``id``, ``state``, ``progress``, ``best``,
   ``curve``, or ``values``, ``bands``, ``paths``. ``stop`` (``job``) ends it.
 - ``margins`` (``values``, ``at`` in s): repeated ``job``, at last with ``loops``, the least disk margin
-  first, their ``units``, and the number of ``growing`` modes.
+  first, their ``units``, the number of ``growing`` modes, the growth rate in 1/s of the ``fastest``, and
+  whether the loops are ``destabilised``, or these modes are a drift of the motion.
 - ``save`` (``what``, ``name``, ``values``): ``saving`` with ``words``, then ``saved`` with ``path``,
   ``command``.
 - ``command`` (``values``): ``command`` with ``text``.

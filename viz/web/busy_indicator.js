@@ -2,6 +2,7 @@
 export class Busy {
   constructor(root) {
     this.root = root;
+    this.since = 0; // the page itself takes a while to open
     setInterval(() => this.count(), 200);
   }
 

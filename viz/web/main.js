@@ -10,6 +10,7 @@ if (payload.runs.length) {
   if (payload.autoplay && !STILL.matches) player.timeline.play();
   player.link.follow();
 } else player.wait(payload);
+if (payload.runs.length || !payload.live) player.busy.end(); else player.busy.say("waiting for the program");
 if (payload.live) follow();
 // A program that records draws picture after picture, each when it asks for it.
 Object.assign(window, { spacerobotFilm: {

@@ -231,6 +231,7 @@ export class Player {
     if (size !== this.size) {
       this.size = size;
       this.scene.viewer.set_3d_pane_size();
+      this.scene.redraw();
     }
     const passed = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;

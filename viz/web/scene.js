@@ -32,7 +32,7 @@ export class Scene {
     for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "SpotLight", "AmbientLight"]) this.viewer.delete_path(["Lights", name]);
     for (const name of ["Grid", "Axes"]) this.viewer.set_property([name], "visible", false);
     this.space = new Space(this.viewer);
-    this.quality = new Quality((level) => this.refine(level), isSoftware());
+    this.quality = new Quality((level) => { this.refine(level); this.redraw(); }, isSoftware());
     this.insets = new Insets(this.viewer, this.pane);
     const draw = this.viewer.render.bind(this.viewer);
     this.viewer.render = () => {
@@ -42,6 +42,11 @@ export class Scene {
       draw();
       if (this.runs.length) this.insets.draw(this.runs[0], this.payload);
     };
+  }
+
+  // A canvas whose size has changed is black until something is drawn.
+  redraw() {
+    if (this.runs.length && this.viewer.renderer.domElement) this.viewer.render();
   }
 
   // Draw as fine as a level says.

@@ -18,15 +18,16 @@ def test_it_says_what_the_studio_waits_for_to_who_knows_the_token():
     words = []
     with WaitingPage("a<b>.yaml", 7660) as waiting:
         tell = waiting.telling(words.append)
+        tell("loading")
         tell("building <it>")
         with urllib.request.urlopen(waiting.url) as answer:
             page = answer.read().decode()
             assert answer.headers[WAITING] == "1"
-        assert "building &lt;it&gt;" in page
+        assert "<li>loading</li><li>building &lt;it&gt;</li>" in page
         assert "a&lt;b&gt;.yaml" in page
         with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(waiting.url[:-1])
-    assert words == ["building <it>"]
+    assert words == ["loading", "building <it>"]
     with pytest.raises(urllib.error.URLError, match="refused"):
         urllib.request.urlopen(waiting.url)
 

@@ -39,8 +39,10 @@ export class Margins {
   show() {
     const { result } = this;
     if (!result) return;
-    const stale = keyOf(result.of) !== keyOf(this.design()), modes = result.growing === 1 ? "mode" : "modes";
-    const stable = result.growing ? `unstable: ${result.growing} growing ${modes}` : "stable";
+    const stale = keyOf(result.of) !== keyOf(this.design()), { growing, fastest, destabilised } = result;
+    const modes = growing === 1 ? "1 mode grows" : `${growing} modes grow`, rate = `${growing > 1 ? "at most " : ""}${digits(fastest)} 1/s`;
+    const drift = growing ? `; ${modes} slowly (${rate}), which is a drift of the motion` : "";
+    const stable = destabilised ? `unstable: ${modes} (${rate})` : `stable${drift}`;
     const note = result.loops.some(({ delay }) => delay === 0) ? " Where the delay is 0, any additional delay makes the loop unstable: its gain stays above one at high frequencies." : "";
     this.say(stale ? `Of the design before the last change, at ${result.at}: compute again.` : `${result.loops.length} loops at ${result.at}: ${stable}.${note}`);
     this.wide.classList.toggle("stale", stale);

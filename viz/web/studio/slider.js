@@ -115,9 +115,10 @@ export class Slider {
   }
 }
 
-// A dotted path as people read it: "robots.rpr1.tips.tip.pid.kp" is "rpr1 tip pid kp".
+// A dotted path as people read it: "robots.rpr1.tips.tip.pid.kp" is "rpr1 tip pid kp", "robots.rpr1.joints.elbow.angle_deg" is "rpr1 elbow".
 export function shortPath(path) {
-  return path.split(".").filter((part) => !["robots", "tips", "grasps", "phases"].includes(part)).join(" ").replace(/_/g, " ");
+  const parts = path.replace(/\.joints\.([^.]+)\.(angle_deg|offset)$/, ".$1").split(".");
+  return parts.filter((part) => !["robots", "tips", "grasps", "phases", "controllers"].includes(part)).join(" ").replace(/_/g, " ");
 }
 
 // What the server says.
