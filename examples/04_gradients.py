@@ -43,7 +43,7 @@ def main(
     cost = run.batch(GAINS, rows).costs["squared"]
     for i, path in enumerate(GAINS):
         difference = (cost[2 * i] - cost[2 * i + 1]) / (2e-4 * nominal[i])
-        print(f"{path}: exact {exact[i]:+.6e}, by differences {difference:+.6e}")
+        print(f"derivative of the cost by {path}: exact {exact[i]:+.6e}, by differences {difference:+.6e}")
 
     # exact slopes as tangents to the cost, which one batch evaluates at 21 values of each number
     factors = np.linspace(0.5, 1.5, 21)

@@ -24,6 +24,7 @@ from optim.search.journal import Journal
 from optim.search.search import Progress, Search, SearchRun
 from optim.search.session import SearchSession
 from spacerobot.common.arrays import Array
+from spacerobot.common.errors import ScenarioError
 from spacerobot.common.files import StrPath, readable
 from spacerobot.common.tables import Content, Table
 from spacerobot.common.tabular import Tabular
@@ -132,10 +133,15 @@ def sweep(
         progress: Called with the progress of each run.
 
     Raises:
-        ScenarioError: If the problem does not fit the scene.
+        ScenarioError: If the problem does not fit the scene, or the budget is below the population.
     """
     stated = problem if isinstance(problem, TuningProblem) else build_problem(to_scene(problem))
-    protocol = EvolutionSettings(tuning_of(stated.scene).population, budget)
+    population = tuning_of(stated.scene).population
+    if budget < population:  # no run would end its first generation
+        raise ScenarioError(
+            f"found {budget}, allowed: the population, {population}, and more", where="budget"
+        )
+    protocol = EvolutionSettings(population, budget)
     session = SearchSession(folder, stated.workers, progress)
     trials = run_sweep(stated, protocol=protocol, runs=runs, seed=seed, session=session)
     return SweepResult(

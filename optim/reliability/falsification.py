@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypedDict, Unpack
 
 import numpy as np
 from scipy.special import ndtr
 
+from optim.campaign.sampling.parameter_space import units_of
 from optim.campaign.sampling.samplers import probabilities, quantiles
 from optim.json_files import JsonResult
 from optim.methods.nlp import GRADIENT
@@ -120,6 +121,7 @@ class Falsification(JsonResult):
         cost: Cost of the search by gradients, and the budget of random search in plain rollouts.
         diverged, diverged_at: Simulations of both searches that diverged, and the parameters of the first;
             None without any.
+        units: Unit of each parameter, or the way in which it changes the scenario's numbers.
     """
 
     key: ClassVar[str] = "falsification"
@@ -134,6 +136,7 @@ class Falsification(JsonResult):
     cost: str
     diverged: int = 0
     diverged_at: Mapping[str, float] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_falsified(self) -> bool:
@@ -142,10 +145,12 @@ class Falsification(JsonResult):
 
     def rows(self) -> list[tuple[str, str]]:
         """Outcome and parameters, as text."""
-        verdict = "exceeded" if self.is_falsified else "kept, as far as was found"
+        verdict = "exceeded" if self.is_falsified else "not exceeded in this search"
         random = f"{self.random.value:.6g} {self.unit}"
         if np.isnan(self.random.value):
             random = "all simulations diverged"
+        stated = {name: self.units.get(name, "1") for name in self.worst.parameters}
+        units = {name: "" if unit == "1" else f" {unit}" for name, unit in stated.items()}
         lost = ", ".join(f"{name} {value:.6g}" for name, value in (self.diverged_at or {}).items())
         return [
             (f"limit of {self.quantity}", f"{self.limit:g} {self.unit}: {verdict}"),
@@ -154,7 +159,7 @@ class Falsification(JsonResult):
             ("worst, by random search at equal cost", random),
             ("cost", self.cost),
             *(
-                (name, f"{value:.6g}, percentile {self.worst.percentiles[name]:.3g}")
+                (name, f"{value:.6g}{units[name]} (percentile {self.worst.percentiles[name]:.3g})")
                 for name, value in self.worst.parameters.items()
             ),
             *(
@@ -276,4 +281,5 @@ def falsify(
         f"{best.cost}; {spent} rollouts of random search",
         best.diverged + other.diverged,
         None if lost is None else dict(zip(problem.names, problem.draws(lost).tolist(), strict=True)),
+        units_of(state.scene, state.campaign, state.space),
     )

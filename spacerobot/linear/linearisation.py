@@ -124,16 +124,17 @@ class LinearSystem(Tabular):
             ]
             for mode in chosen
         ]
-        return Table(None, ("mode", "frequency [Hz]", "damping ratio"), rows)
+        return Table(None, ("pole of the mode [1/s]", "frequency [Hz]", "damping ratio"), rows)
 
     @property
     def description(self) -> str:
         """Size and stability of the closed loop in words."""
         kind = f"sampled, period {self.period_s:g} s" if self.period_s else "continuous"
-        stability = "no growing mode"
+        stability = "no unstable mode"
         if self.growing:
             fastest = max(mode.pole.real for mode in self.growing)
-            stability = f"{len(self.growing)} growing modes, the fastest {fastest:.3g} 1/s"
+            count = len(self.growing)
+            stability = f"{count} unstable mode{'' if count == 1 else 's'}, the fastest {fastest:.3g} 1/s"
         return f"{kind}, {len(self.states)} states, {self.zero_poles} poles at zero, {stability}"
 
     @property

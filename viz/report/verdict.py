@@ -15,7 +15,7 @@ def margins_verdict(margins: SavedMargins) -> list[str]:
     sentences = []
     for k, label in enumerate(map(str, margins.data.instant.values)):
         instant = margins.data.isel(instant=k)
-        sentence = f"{label}: {'stable' if bool(instant.stable) else 'not stable: it has growing modes'}."
+        sentence = f"{label}: {'stable' if bool(instant.stable) else 'not stable: it has unstable modes'}."
         disks = np.nan_to_num(instant.disk.values, nan=np.inf)
         if disks.size and np.isfinite(disks.min()):
             loop = instant.isel(loop=int(disks.argmin()))
