@@ -202,7 +202,7 @@ def convergence(solves: list[Mapping[str, Any]]) -> Drawing:
             curve = np.where(values > 0, values, np.nan)
             panel.plot(np.arange(len(curve)), curve, label=label, **line(k))
     for panel, title in zip(
-        axes.flat, ("distance from the run's last cost", "greatest violation"), strict=True
+        axes.flat, ("distance from the run's last cost", "maximum violation"), strict=True
     ):
         panel.set(title=title, xlabel="iteration", yscale="log")
         panel.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")

@@ -52,7 +52,7 @@ def overview(summary: Summary) -> Table:
         ("second-order conditions", verification["second_order"]),
         ("replay error, open loop", f"{replay:.1e} m" + (allowed if open_loop else "")),
         ("  with feedback", f"{followed:.1e} m" + ("" if open_loop else allowed)),
-        ("greatest violation", violation),
+        ("maximum violation", violation),
     ]
     return Table.of_pairs(f"plan of {summary['scenario']}", rows)
 
