@@ -113,7 +113,9 @@ def command(
     if warm_start is not None and (pareto is not None or design):
         raise typer.BadParameter("does not go with --pareto or --design", param_hint="--from")
     if warm_start is not None and not (warm_start.is_file() or (warm_start / "plan.nc").is_file()):
-        raise ScenarioError(f"found {warm_start}, allowed: a plan's folder, or its plan.nc", where="--from")
+        raise ScenarioError(
+            f"no such file as {warm_start}, allowed: a plan's folder, or its plan.nc", where="--from"
+        )
     scene = load(scenario, changes, "plan")
     for warning in scene.warnings:
         warn(warning)

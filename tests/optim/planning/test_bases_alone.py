@@ -266,7 +266,7 @@ WHEELED = [
 
 def test_segments_between_jumps_begin_near_the_equations_of_motion(turning):
     solver = PlanSolver.of(turning(*WHEELED), "interpreted")
-    found = solve_request(solver, solver.request(start=1, refine=False))
+    found = solve_request(solver, solver.request(refine=False))
     pieces = split_at_jumps(solver.phased_motion(solver.request(), found), solver.problem)
     assert len(pieces.motions) == 6
     program = solver.program(solver.request(), pieces.meshes)
