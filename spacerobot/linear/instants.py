@@ -40,7 +40,7 @@ class Instant:
 
 def as_instants(at: InstantNames) -> list[float | str]:
     """Times and events as a list, also of a single one."""
-    return [at] if isinstance(at, str | int | float) else list(at)
+    return [at] if isinstance(at, str | int | float | np.integer) else list(at)
 
 
 def check_instants(loop: ClosedLoop, duration_s: float, at: Iterable[float | str]) -> None:

@@ -1,9 +1,11 @@
 """Wrong arguments of the Python interface: one sentence with the place, the value and the allowed values."""
 
+import numpy as np
 import pytest
 
 import spacerobot as sr
 from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.linear.instants import as_instants
 from tests.oracles.small_scenes import PLANAR, small_scene
 
 MASS = "target.links.body.mass"
@@ -73,6 +75,7 @@ def test_a_result_is_not_written_over_a_file(scene, tmp_path):
 
 def test_a_single_instant_needs_no_list(scene):
     single, listed = sr.linearise(scene, 0.1), sr.linearise(scene, [0.1])
+    assert as_instants(np.int64(3)) == [3]
     assert [one.label for one in single] == [one.label for one in listed] == ["0.1 s"]
     with pytest.raises(ScenarioError, match="at: no event 'captured'"):
         sr.margins(scene, "captured")
