@@ -44,7 +44,10 @@ def attempt(*arguments, folder):
         (("run",), "SCENARIO is missing, as in `spacerobot run paper --out out/paper`"),
         (("rnu", "paper"), "no command 'rnu'; did you mean run?"),
         (("campaign", "paper"), "--out is missing, as in `spacerobot campaign paper --out out/campaign"),
-        (("plan", "docking", "--from", "missing"), "--from: found missing, allowed: a plan's folder"),
+        (
+            ("plan", "docking", "--from", "missing"),
+            "--from: no such file as missing, allowed: a plan's folder",
+        ),
         (("falsify", "ets7"), "campaign: no campaign section"),
         (("animate", "missing"), "missing: no such folder"),
         (("figures", "missing"), "missing: no such folder"),

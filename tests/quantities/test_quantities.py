@@ -229,7 +229,7 @@ def test_batches_are_saved_and_bad_values_refused(tmp_path):
     assert isinstance(again, BatchResult)
     assert again.data.equals(found.data)
     assert "3 simulations" in repr(found)
-    with pytest.raises(ScenarioError, match="as long"):
+    with pytest.raises(ScenarioError, match="all of the same length"):
         batch(scene, "joint_torque_peak", {MASS: [1.0, 2.0], "simulation.duration": [1.0]})
     with pytest.raises(ScenarioError, match="thrusters"):
         gradient(scene, "propellant", [MASS])
