@@ -3,7 +3,8 @@
 ``python -m benchmarks.soft_capture_page OURS THEIRS`` reads the files that ``benchmarks.soft_capture`` and
 ``benchmarks.soft_capture_convex`` wrote, writes docs/data/soft_capture.json and
 docs/images/soft_capture.png, and prints the numbers of the page. With ``--arm FILE`` it reads the results of
-``benchmarks.soft_capture --arm`` instead, and writes docs/data/soft_capture_arm.json.
+``benchmarks.soft_capture --arm`` instead, and writes docs/data/soft_capture_arm.json and
+docs/images/soft_capture_arm.png.
 """
 
 from __future__ import annotations
@@ -63,6 +64,30 @@ def beside(ours: Results, theirs: Results) -> Figure:
     return figure
 
 
+@styled
+def grasps(arm: Results) -> Figure:
+    """Cumulative shares of the draws over processor time, error of the tip and distances of the arm."""
+    verified = [one for one in arm.values() if one["status"] == "verified"]
+    distances = {
+        f"from the {body}": [-one["excess"][f"arm to {body}"] for one in verified]
+        for body in ("chaser", "target")
+    }
+    curves: dict[str, dict[str, list[float]]] = {
+        "processor time (s), all draws": {"": [one["cpu_s"] for one in arm.values()]},
+        "error of the tip at the grasp (mm)": {"": [1e3 * one["tip_error_m"] for one in verified]},
+        "smallest distance of the arm (m)": distances,
+    }
+    figure, axes = panels(1, len(curves), height_in=2.4, sharey=True)
+    for panel, (label, lines) in zip(axes.flat, curves.items(), strict=True):
+        for colour, (name, values) in zip(COLOURS, lines.items(), strict=False):
+            panel.ecdf(values, color=colour, label=name)
+        panel.set(xlabel=label)
+    panel.legend(fontsize=7, loc="center", bbox_to_anchor=(0.68, 0.5))
+    axes.flat[0].set(ylabel="share of the draws", xscale="log")
+    axes.flat[0].xaxis.set_major_formatter("{x:g}")
+    return figure
+
+
 def print_numbers(results: Results, solved: str) -> None:
     """Print the share of solved draws with its intervals, and quantiles of times.
 
@@ -91,7 +116,16 @@ def main() -> None:
         arm = read(Path(sys.argv[2]))
         lines = [json.dumps({"draw": k, "here": arm[k]}) for k in sorted(arm)]
         (DOCS / "data" / "soft_capture_arm.json").write_text("[\n" + ",\n".join(lines) + "\n]\n")
+        write_drawings([("soft_capture_arm", grasps(arm))], DOCS / "images", ["png"])
         print_numbers(arm, "verified")
+        verified = [one for one in arm.values() if one["status"] == "verified"]
+        for key in ("tip_error_m", "tip_speed_m_s", "tip_angle_deg", "base_slip_m_s", "joint_torque_Nm"):
+            print(f"largest {key} of verified draws: {max(one[key] for one in verified):.5f}")
+        for key in ("joint_motion_deg", "arm_rotation_deg"):
+            values = [one[key] for one in verified]
+            print(f"{key}: median {np.median(values):.2f}, largest {max(values):.2f}")
+        for key in verified[0]["excess"]:
+            print(f"largest {key}: {max(one['excess'][key] for one in verified):.5f}")
         return
     ours, theirs = (read(Path(word)) for word in sys.argv[1:3])
     lines = [json.dumps({"draw": k, "here": ours[k], "convex": theirs.get(k)}) for k in sorted(ours)]
