@@ -163,7 +163,7 @@ class TuningProblem(Formulation, OptimisationProblem):
         return self.workers.map(self, partial(worker_operations.measures, paths=(*self.names, *others)), rows)
 
     def linearise_all(self, u: Array) -> list[Linearisation]:
-        """Values and their exact derivatives at points u (N, k); see :mod:`optim.problem.worker_operations`.
+        """Objective and constraints with their exact derivatives at points u (N, k), computed by the workers.
 
         Several gradients by the adjoint share lanes.
         """

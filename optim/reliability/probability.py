@@ -78,7 +78,7 @@ class FailureProbability(JsonResult):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval by the lognormal distribution."""
+        """Bounds of the 95 % confidence interval; the estimate is taken as lognormally distributed."""
         factor = np.exp(NORMAL * min(self.variation, 100.0))
         return self.probability / factor, min(1.0, self.probability * factor)
 

@@ -94,7 +94,7 @@ class _Draft:
 
 @dataclass
 class _Extraction:
-    """Extraction of the software of one closed loop."""
+    """Symbols and data fields of one closed loop, from which the functions of its flight code are built."""
 
     scene: Scene
     loop: ClosedLoop

@@ -319,7 +319,7 @@ Numbers = Sequence[Any]
 
 
 def _rotation_terms(inertia: Array, wheels: Array) -> tuple[Numbers, Numbers, Numbers]:
-    """Components of inertias (9) and their inverses (9), row by row, and of the wheels' momenta (3)."""
+    """Components of inertias (9, row by row), of their inverses (9), and of the wheels' momenta (3)."""
     inverse = np.linalg.inv(inertia)
     return (
         list(inertia.reshape(-1, 9).T),

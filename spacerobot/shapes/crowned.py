@@ -332,7 +332,7 @@ def _inverse(bend: Sequence[ca.SX], value: ca.SX) -> ca.SX:
 
 
 def _tangents(n: ca.SX) -> ca.SX:
-    """Two orthonormal tangents of the sphere at a unit vector, as rows (2x3), by Duff et al. 2017."""
+    """Two unit vectors, as rows (2x3), orthogonal to a unit vector and to each other (Duff et al. 2017)."""
     side = ca.if_else(n[2] < 0, -1, 1)
     a = -1 / (side + n[2])
     b = n[0] * n[1] * a

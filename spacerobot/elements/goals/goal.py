@@ -140,7 +140,7 @@ class Goal(Element):
         return None
 
     def place(self, instant: PlanInstant) -> ca.SX:
-        """Desired position of the tip (3x1) [m], world axes; of a goal with a ``tip_label``.
+        """Desired position of the tip (3x1) [m], world axes. Only goals with a ``tip_label`` have one.
 
         Raises:
             ScenarioError: If it names an unknown body, link or joint.
