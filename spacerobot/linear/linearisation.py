@@ -128,14 +128,22 @@ class LinearSystem(Tabular):
 
     @property
     def description(self) -> str:
-        """Size and stability of the closed loop in words."""
+        """Size of the closed loop and the number of its growing modes, in words."""
+        if not self.growing:
+            return f"{self.size}, no growing mode"
+        modes = "1 mode grows" if len(self.growing) == 1 else f"{len(self.growing)} modes grow"
+        return f"{self.size}, {modes}, the fastest at {self.growth_rate:.3g} 1/s"
+
+    @property
+    def size(self) -> str:
+        """Kind of the closed loop, and numbers of its states and poles at zero, in words."""
         kind = f"sampled, period {self.period_s:g} s" if self.period_s else "continuous"
-        stability = "no unstable mode"
-        if self.growing:
-            fastest = max(mode.pole.real for mode in self.growing)
-            count = len(self.growing)
-            stability = f"{count} unstable mode{'' if count == 1 else 's'}, the fastest {fastest:.3g} 1/s"
-        return f"{kind}, {len(self.states)} states, {self.zero_poles} poles at zero, {stability}"
+        return f"{kind}, {len(self.states)} states, {self.zero_poles} poles at zero"
+
+    @property
+    def growth_rate(self) -> float:
+        """Real part of the fastest growing mode's pole [1/s]; zero if no mode grows."""
+        return max((mode.pole.real for mode in self.growing), default=0.0)
 
     @property
     def poles(self) -> Array:

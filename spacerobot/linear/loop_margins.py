@@ -13,8 +13,8 @@ The delay margin of a sampled loop is its phase margin divided by frequency: exa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Content, Table
 from spacerobot.common.tabular import Tabular
 from spacerobot.linear.instants import InstantNames, as_instants, events_of, instants, samples
-from spacerobot.linear.linearisation import Lineariser, LinearSystem
+from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem
 from spacerobot.linear.loop_response import loop_responses, response_slopes, responses
 from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress
@@ -60,6 +60,10 @@ NO_DELAY = (
     "controller gives the loop a delay margin."
 )
 """Note below a table with loops without a delay margin."""
+
+DRIFT = 3.0
+"""Factor by which growing modes must be faster than those with all loops open to count as an instability, and
+by which they must not be slower than the slowest crossover."""
 
 MAX_INSTANTS = 100_000
 """Largest number of instants along a simulation."""
@@ -115,8 +119,26 @@ class MarginAnalysis(Tabular):
     loops: tuple[tuple[LoopMargins, ...], ...]
     events: tuple[tuple[float, str], ...] = ()
 
+    @property
+    def stable(self) -> list[bool]:
+        """Whether the loops are stable at each instant; slow drifts of the motion do not count."""
+        rows = zip(self.linearisations, self.loops, strict=True)
+        return [not is_destabilised(linear, loops) for linear, loops in rows]
+
+    @property
+    def descriptions(self) -> list[str]:
+        """Size of the closed loop and stability of its loops at each instant, in words."""
+        return [
+            f"{linear.size}, {stability_words(stable, linear.growth_rate)}"
+            for linear, stable in zip(self.linearisations, self.stable, strict=True)
+        ]
+
     def to_xarray(self) -> xr.Dataset:
-        """Margins by instant and loop, with units; ``stable`` and the number of poles at zero by instant."""
+        """Margins by instant and loop, with units.
+
+        By instant: whether the loops are ``stable``, see :func:`is_destabilised`; ``growth_rate``, the real
+        part of the fastest growing mode's pole, or zero; and ``zero_poles``, the number of poles at zero.
+        """
         dims, rows = ("instant", "loop"), self.loops
         data = {
             name: xr.DataArray(
@@ -128,13 +150,14 @@ class MarginAnalysis(Tabular):
         return xr.Dataset(
             data
             | {
-                "stable": ("instant", [one.is_stable for one in linear]),
+                "stable": ("instant", self.stable),
+                "growth_rate": ("instant", [one.growth_rate for one in linear], {"units": "1/s"}),
                 "zero_poles": ("instant", [one.zero_poles for one in linear]),
             },
             coords={
                 "instant": [one.label for one in linear],
                 "time": ("instant", [one.time_s for one in linear], {"units": "s"}),
-                "description": ("instant", [one.description for one in linear]),
+                "description": ("instant", self.descriptions),
                 "loop": [one.name for one in rows[0]] if rows else [],
             },
             attrs={"scenario": self.scenario},
@@ -168,8 +191,9 @@ class MarginAnalysis(Tabular):
         if len(self.loops) > MOST_INSTANTS:
             return [*self.least_margins(), *omission]
         tables: list[Content] = []
-        for linear, loops in zip(self.linearisations, self.loops, strict=True):
-            tables += [*_instant_tables(linear.label, linear.description, loops), linear.mode_table()]
+        rows = zip(self.linearisations, self.descriptions, self.loops, strict=True)
+        for linear, description, loops in rows:
+            tables += [*_instant_tables(linear.label, description, loops), linear.mode_table()]
         return [*tables, *omission]
 
     def least_margins(self) -> list[Content]:
@@ -205,7 +229,7 @@ class SavedMargins(Tabular):
         """
         path = Path(folder) / FILE
         data = read_dataset(path)
-        missing = {*UNITS, "stable", "time", "description"} - {*data.variables}
+        missing = {*UNITS, "stable", "growth_rate", "time", "description"} - {*data.variables}
         if missing:
             raise ResultError(f"holds no {min(missing)}; run `spacerobot margins --out` again", source=path)
         return cls(data, Path(folder))
@@ -225,6 +249,37 @@ class SavedMargins(Tabular):
                 loops.append(LoopMargins(str(name), up, down, phase, delay, disk, crossover))
             tables += _instant_tables(str(label), str(instant.description.values), loops)
         return tables
+
+
+def is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
+    """Whether a mode grows because of the loops.
+
+    At the onset of instability, L = -1 at the pole: its frequency is a crossover of every loop involved. A
+    mode that grows far more slowly, or also with all loops open, is a drift of the motion.
+
+    Args:
+        system: Closed loop at an instant.
+        loops: Margins of its loops.
+    """
+    if not system.growing:
+        return False
+    count = len(system.inputs)
+    opening = np.linalg.pinv(np.eye(count) + system.D[:count]) @ system.C[:count]  # w = -y, y = C x + D w
+    opened = replace(system, A=system.A - system.B @ opening)
+    drift = max((abs(mode.pole) for mode in opened.growing), default=RIGID)
+    crossings = [one.frequencies["crossover"] for one in loops if "crossover" in one.frequencies]
+    slow = np.nanmin([*crossings, np.inf])
+    limit = max(DRIFT * drift, slow / DRIFT if math.isfinite(slow) else 0.0)
+    return max(abs(mode.pole) for mode in system.growing) > limit
+
+
+def stability_words(stable: bool, growth_rate: float) -> str:
+    """Stability of the loops in words, with the fastest growing mode's rate [1/s] if there is one."""
+    if not stable:
+        return f"unstable: a mode grows at {growth_rate:.3g} 1/s"
+    if growth_rate == 0:
+        return "stable"
+    return f"stable, with a slow drift of the motion that grows at {growth_rate:.2g} 1/s"
 
 
 def _instant_tables(label: str, description: str, loops: Iterable[LoopMargins]) -> list[Content]:

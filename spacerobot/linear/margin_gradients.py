@@ -21,17 +21,13 @@ import numpy as np
 from spacerobot.common.arrays import Array
 from spacerobot.linear.complex_step import STEP, derivative, evaluate
 from spacerobot.linear.instants import Instant, InstantNames, as_instants, instants
-from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem
-from spacerobot.linear.loop_margins import LoopMargins, loop_margins
+from spacerobot.linear.linearisation import Lineariser, LinearSystem
+from spacerobot.linear.loop_margins import LoopMargins, is_destabilised, loop_margins
 from spacerobot.scene import Scene
 from spacerobot.simulation import Backend, Progress
 
 MARGINS = {"disk": "1", "gain_up": "dB", "gain_down": "dB", "phase": "deg", "delay": "s"}
 """Margins that have derivatives, and their units."""
-
-DRIFT = 3.0
-"""Factor by which growing modes must be faster than those with all loops open to count as an instability, and
-by which they must not be slower than the slowest crossover."""
 
 
 @dataclass(frozen=True)
@@ -163,28 +159,6 @@ class ParametricLinearisation:
             )
             for sign, kind, one in named
         ]
-
-
-def is_destabilised(system: LinearSystem, loops: Sequence[LoopMargins]) -> bool:
-    """Whether a mode grows because of the loops.
-
-    At the onset of instability, L = -1 at the pole: its frequency is a crossover of every loop involved. A
-    mode that grows far more slowly, or also with all loops open, is a drift of the motion.
-
-    Args:
-        system: Closed loop at an instant.
-        loops: Margins of its loops.
-    """
-    if not system.growing:
-        return False
-    count = len(system.inputs)
-    opening = np.linalg.pinv(np.eye(count) + system.D[:count]) @ system.C[:count]  # w = -y, y = C x + D w
-    opened = replace(system, A=system.A - system.B @ opening)
-    drift = max((abs(mode.pole) for mode in opened.growing), default=RIGID)
-    crossings = [one.frequencies["crossover"] for one in loops if "crossover" in one.frequencies]
-    slow = np.nanmin([*crossings, np.inf])
-    limit = max(DRIFT * drift, slow / DRIFT if math.isfinite(slow) else 0.0)
-    return max(abs(mode.pole) for mode in system.growing) > limit
 
 
 def margin_slope(system: LinearSystem, one: LoopMargins, margin: str) -> float:

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from spacerobot.closedloop import build_closed_loop
 from spacerobot.linear import linearise, margins
 from spacerobot.linear.linearisation import RIGID, LinearSystem
-from spacerobot.linear.loop_margins import loop_margins
+from spacerobot.linear.loop_margins import MarginAnalysis, loop_margins
 from spacerobot.linear.loop_response import frequency_grid, loop_response, responses
 from spacerobot.rollout import build_rollout
 from tests.linear.scenes import KD, KP, arm_scene
@@ -126,13 +126,15 @@ def test_predicted_instability_agrees_with_its_onset_in_the_time_domain(what):
     """One percent below the limit a motion decays, one percent above it grows."""
     limit = limit_of(what)
     for factor, grows in ((0.99, False), (1.01, True)):
-        loop = build_closed_loop(scene_of(**{what: factor * limit}))
+        scene = scene_of(**{what: factor * limit})
+        loop = build_closed_loop(scene)
         options = {"duration_s": 30.0, "step_s": 0.1, "output_step_s": 0.1, "backend": "interpreted"}
         run = build_rollout(loop, **options).run()
         assert run.status == "completed"
         rate = np.abs(run.state[:, loop.state_names.index("v.arm/joint_1")])
         third = len(rate) // 3
         assert (rate[-third:].max() > rate[third : 2 * third].max()) == grows, (what, factor)
+        assert margins(scene, backend="interpreted").stable == [not grows], (what, factor)
 
 
 def test_along_the_whole_time():
@@ -200,6 +202,19 @@ def test_a_response_shows_a_resonance_that_only_the_broken_loop_has():
     found = LinearSystem("", 0.0, A, B, C, np.zeros((1, 1)), ("q", "v"), ("torque/q",), ("torque/q",))
     peak = np.abs(loop_response(found, "torque/q")[1]).max()
     np.testing.assert_allclose(peak, r / (2 * zeta * w**2), rtol=1e-3)
+
+
+@pytest.mark.parametrize(("kd", "stable"), [(3.0, True), (-0.5, False)])
+def test_a_drift_that_no_loop_causes_is_not_an_instability(kd, stable):
+    """A joint under PD beside a mode that grows at 0.03 1/s, whatever the controller does."""
+    A = np.array([[0, 1, 0], [-12.0, -kd, 0], [0, 0, 0.03]])
+    B, C = np.array([[0, 1.0, 0]]).T, np.array([[-12.0, -kd, 0]])
+    system = LinearSystem("", 0.0, A, B, C, np.zeros((1, 1)), ("q", "v", "x"), ("torque/q",), ("torque/q",))
+    analysis = MarginAnalysis("", (system,), (tuple(loop_margins(system)),))
+    assert system.growth_rate == pytest.approx(max(0.03, -kd / 2))
+    assert analysis.stable == [stable]
+    assert ("with a slow drift" in analysis.descriptions[0]) == stable
+    assert analysis.to_xarray().stable.values.tolist() == [stable]
 
 
 def test_disk_margin_at_infinite_frequency():

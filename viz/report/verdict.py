@@ -6,6 +6,7 @@ import numpy as np
 
 from spacerobot.common.tables import unit_scale
 from spacerobot.linear import SavedMargins
+from spacerobot.linear.loop_margins import stability_words
 from spacerobot.result import Result
 from spacerobot.result.table import status_text
 
@@ -15,7 +16,7 @@ def margins_verdict(margins: SavedMargins) -> list[str]:
     sentences = []
     for k, label in enumerate(map(str, margins.data.instant.values)):
         instant = margins.data.isel(instant=k)
-        sentence = f"{label}: {'stable' if bool(instant.stable) else 'not stable: it has unstable modes'}."
+        sentence = f"{label}: {stability_words(bool(instant.stable), float(instant.growth_rate))}."
         disks = np.nan_to_num(instant.disk.values, nan=np.inf)
         if disks.size and np.isfinite(disks.min()):
             loop = instant.isel(loop=int(disks.argmin()))

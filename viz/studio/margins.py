@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from spacerobot.common.errors import ScenarioError
 from spacerobot.common.section import is_number
 from spacerobot.linear import margins
-from spacerobot.linear.loop_margins import UNITS
-from spacerobot.linear.margin_gradients import is_destabilised
+from spacerobot.linear.loop_margins import UNITS, is_destabilised
 from viz.studio.job import Job, StoppedError
 from viz.studio.prepared_design import DesignCache, PreparedDesign
 
@@ -47,7 +46,7 @@ def loop_margins_job(plants: DesignCache, _: PreparedDesign, __: Mapping[str, fl
         message="",
         at=linear.label,
         growing=len(linear.growing),
-        fastest=max((mode.pole.real for mode in linear.growing), default=0.0),
+        fastest=linear.growth_rate,
         destabilised=is_destabilised(linear, loops),
         units=UNITS,
         # infinite margins become null, as do all margins of a loop with a time-varying linearisation

@@ -15,11 +15,12 @@ from viz.report.report import ReportSection, page
 PATH = "target.links.body.mass"
 
 
-def write_margins(folder):
+def write_margins(folder, stable=True, growth_rate=0.0):
     values = {"gain_up": 6.0, "gain_down": -np.inf, "phase": 14.1, "disk": 0.25, "crossover": 1.6}
     loops = {name: [[values.get(name, 0.0), values.get(name, 0.5)]] for name in UNITS}  # delays 0 and 0.5 s
     data = xr.Dataset(
-        {name: (("instant", "loop"), rows) for name, rows in loops.items()} | {"stable": ("instant", [True])},
+        {name: (("instant", "loop"), rows) for name, rows in loops.items()}
+        | {"stable": ("instant", [stable]), "growth_rate": ("instant", [growth_rate])},
         coords={
             "instant": ["2.5 s"],
             "loop": ["torque/arm/a<1>", "torque/arm/b"],
@@ -31,6 +32,21 @@ def write_margins(folder):
     (folder / "figures").mkdir()
     (folder / "figures" / "bode_1.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
     (folder / "figures" / "other.svg").write_text("<svg/>")
+
+
+@pytest.mark.parametrize(
+    ("stable", "growth_rate", "words"),
+    [
+        (True, 0.03, "2.5 s: stable, with a slow drift of the motion that grows at 0.03 1/s."),
+        (False, 4.25, "2.5 s: unstable: a mode grows at 4.25 1/s."),
+    ],
+)
+def test_the_page_of_margins_distinguishes_unstable_loops_from_slow_drifts(
+    tmp_path, stable, growth_rate, words
+):
+    write_margins(tmp_path, stable, growth_rate)
+    sr.report(tmp_path, tmp_path / "page.html")
+    assert words in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_margins_have_a_page_that_explains_a_delay_margin_of_zero(tmp_path):
