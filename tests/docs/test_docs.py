@@ -18,6 +18,13 @@ FILE = re.compile(r"# ([\w-]+\.(?:yaml|py))\n")
 PRINTS = re.compile(r"^```python\n((?:(?!^```).*\n)*)^```\n\nIt (?:still )?prints `(.+?)`", re.MULTILINE)
 """Blocks of Python, and what the next paragraph states that they print."""
 
+OUTPUT = re.compile(r"^```python\n((?:(?!^```).*\n)*)^```\n\n```text\n((?:(?!^```).*\n)*)^```", re.MULTILINE)
+"""Blocks of Python, and their output in the block below."""
+
+NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+ELLIPSIS = "..."
+"""Line in a block of output that stands for any lines."""
+
 
 def blocks(page, language):
     return re.findall(
@@ -31,6 +38,27 @@ def files_of(page):
         for source in blocks(page, language):
             if named := FILE.match(source):
                 yield named[1], source
+
+
+def differences(shown, printed):
+    """Lines of a block of output that a program did not print, in this order, with numbers within 1 %."""
+    missing, rest = [], iter(printed.splitlines())
+    anywhere = False
+    for line in shown.splitlines():
+        if line == ELLIPSIS:
+            anywhere = True
+            continue
+        candidates = rest if anywhere else [next(rest, "")]
+        if not any(is_same_line(line, candidate) for candidate in candidates):
+            missing.append(line)
+        anywhere = False
+    return missing
+
+
+def is_same_line(shown, printed):
+    values, others = ([float(x) for x in NUMBER.findall(line)] for line in (shown, printed))
+    words, their_words = (" ".join(NUMBER.sub("#", line).split()) for line in (shown, printed))
+    return words == their_words and values == pytest.approx(others, rel=0.01)
 
 
 def deep_imports(text):
@@ -53,7 +81,8 @@ def test_examples_and_pages_import_nothing_deeper_than_one_level():
     "page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.relative_to(ROOT).as_posix()
 )
 def test_python_of_a_page_runs(page, tmp_path, monkeypatch, capsys):
-    stated = dict(PRINTS.findall(page.read_text(encoding="utf-8")))  # what a page says that a block prints
+    text = page.read_text(encoding="utf-8")
+    stated, outputs = dict(PRINTS.findall(text)), dict(OUTPUT.findall(text))
     monkeypatch.chdir(tmp_path)
     namespace = {}
     for other in {*page.parent.glob("*.md"), page} if page.parent.name == "tutorials" else {page}:
@@ -69,8 +98,25 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch, capsys):
                 # its few rollouts take less time than to compile them
                 patch.setenv("SPACEROBOT_COMPILER", "none")
             exec(compile(source, str(page), "exec"), namespace)
-        assert stated.pop(source, "") in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        assert stated.pop(source, "") in printed
+        assert differences(outputs.pop(source, ""), printed) == [], printed
     assert not stated
+    assert not outputs
+
+
+def test_output_that_differs_is_found():
+    printed = "a\ntip 9.331 mm\nb 2\nend\n"
+    assert differences("a\ntip 9.33 mm\n", printed) == []
+    assert differences("...\nend\n", printed) == []
+    for wrong in (
+        "a\ntip 9.5 mm\n",
+        "tip 9.33 mm\n",
+        "...\nend\n...\na\n",
+        "a\ntip 9.33 m\n",
+        "a\ntip -9.33 mm\n",
+    ):
+        assert differences(wrong, printed) != []
 
 
 def test_the_glossary_is_sorted_and_has_the_terms_of_the_field():
