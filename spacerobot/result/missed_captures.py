@@ -42,12 +42,11 @@ def missed_captures(
     Returns:
         dict: Causes by name of each grasp that begins open and was never captured:
 
-            * ``closest``: closest approach, ``time_s`` and the five quantities of the envelope, in the units
-                of
-              its limits;
+            * ``closest``: closest approach, ``time_s`` and the five quantities of the envelope, in the
+              units of its limits;
             * ``inside_s``: longest time for which all limits held;
-            * ``violated``: violated limits in the order of time, each with ``limit``, ``allowed``, ``found``
-              (worst value), ``from_s`` and ``for_s``. They are searched in the longest time within
+            * ``violated``: violated limits in the order of time, each with ``limit``, ``allowed``, ``value``
+              (the worst one), ``from_s`` and ``for_s``. They are searched in the longest time within
               ``distance``, or, if the tip was inside the envelope, after the longest time inside;
             * ``words``: the cause in one sentence.
     """
@@ -98,7 +97,7 @@ def _why(
             {
                 "limit": "distance",
                 "allowed": limits["distance"],
-                "found": float(gaps[nearest]),
+                "value": float(gaps[nearest]),
                 "from_s": float(time[first]),
                 "for_s": float(time[np.flatnonzero(allowed)[-1]] - time[first]),
             }
@@ -133,7 +132,7 @@ def _why(
                 {
                     "limit": name,
                     "allowed": limits[name],
-                    "found": float(values[name][part].max()),
+                    "value": float(values[name][part].max()),
                     "from_s": float(time[span[int(np.argmax(here))]]),
                     "for_s": float(lengths[here].sum()) if len(span) > 1 else 0.0,
                 }
@@ -146,7 +145,7 @@ def _why(
             {
                 "limit": "distance",
                 "allowed": limits["distance"],
-                "found": float(np.where(allowed, gaps, 0)[end:].max(initial=limits["distance"])),
+                "value": float(np.where(allowed, gaps, 0)[end:].max(initial=limits["distance"])),
                 "from_s": float(time[min(end, len(time) - 1)]),
                 "for_s": float(time[-1] - time[min(end, len(time) - 1)]),
             }
@@ -217,7 +216,7 @@ def _words(capture: Any, event: Mapping[str, Any]) -> str:
         stay = f"{event['inside_s']:.3g} s of the dwell of {capture.dwell:g} s"
         parts.append(f"inside its envelope for {stay}, then")
     limits = [
-        f"{SHOWN[one['limit']][0]} {shown(one['limit'], one['found'])}, allowed "
+        f"{SHOWN[one['limit']][0]} {shown(one['limit'], one['value'])}, allowed "
         f"{shown(one['limit'], one['allowed'])}, from {one['from_s']:.4g} s for {one['for_s']:.3g} s"
         for one in event["violated"]
     ]

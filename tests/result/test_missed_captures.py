@@ -36,7 +36,7 @@ def test_a_tip_that_never_comes_near_is_told_by_its_closest_approach(tmp_path, b
     assert violated == {
         "limit": "distance",
         "allowed": 1e-4,
-        "found": pytest.approx(gaps.min()),
+        "value": pytest.approx(gaps.min()),
         "from_s": 0.0,
         "for_s": pytest.approx(3.0),
     }
@@ -64,7 +64,7 @@ def test_the_limit_that_was_violated_is_named(tmp_path, limit):
     result, why = missed(tmp_path, DEEP, **WIDE | {limit: allowed})
     assert result.summary["outcome"] == "missed"
     assert [one["limit"] for one in why["violated"]] == [limit]
-    assert why["violated"][0]["found"] > allowed
+    assert why["violated"][0]["value"] > allowed
     assert why["violated"][0]["from_s"] == 0.0
 
 
