@@ -1,7 +1,7 @@
 """Public names and their modules; :mod:`spacerobot.common.lazy_names` loads a name when it is first used."""
 
-from optim.comparison import Comparison as Comparison
-from optim.comparison import ProblemComparison as ProblemComparison
+from optim.comparison.benchmark_problem import ProblemComparison as ProblemComparison
+from optim.comparison.compare import Comparison as Comparison
 from optim.comparison.compare import compare as compare
 from optim.methods.evolutionary import evolve as evolve
 from optim.methods.nlp import solve as solve

@@ -9,13 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from optim.campaign.rollouts.evaluator import (
-    CampaignEvaluator,
-    Gains,
-    SampleTable,
-    all_draws,
-    build_evaluator,
-)
+from optim.campaign.rollouts.evaluator import CampaignEvaluator, SampleTable, all_draws, build_evaluator
+from optim.campaign.rollouts.gain_sets import Gains
 from optim.campaign.store.folder import Interval, check_place, open_store
 from optim.campaign.store.run_settings import notes_of
 from spacerobot.common.arrays import Array

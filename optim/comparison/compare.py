@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from optim.comparison.benchmark_problem import BenchmarkProblem, ProblemComparison, compare_on_problem
 from optim.comparison.design_evaluator import build_design_evaluator
 from optim.methods.settings import Effort, effort_of
-from optim.problem.scene_recipe import tuning_of
+from optim.problem.scene_recipe import check_choices, tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.search.session import SearchSession
-from spacerobot.common.errors import near_names
 from spacerobot.common.registry import TUNING_METHODS
 from spacerobot.scenario import Tuning
 from spacerobot.scene import Scene
@@ -69,10 +68,11 @@ def compare(
     check_size(scene)
     if not isinstance(effort, Effort):
         effort = even_effort(tuning, effort)
+    check_choices(scene, sets=sets or (), variants=variants or ())
     chosen = [
         (variant, name)
-        for variant in _chosen(variants, list(tuning.variants), scene, "variants")
-        for name in _chosen(sets, list(tuning.sets), scene, "sets")
+        for variant in [*(variants or tuning.variants)] or [None]
+        for name in [*(sets or tuning.sets)] or [None]
     ]
     method_names = methods or tuning.methods or tuple(TUNING_METHODS.entries())
     return compete(
@@ -129,10 +129,3 @@ def _entries(
         problem = build_problem(scene, variables=variables, variant=variant, workers=session.workers)
         title = "-".join(part for part in (variant, name) if part) or "tuning"
         yield BenchmarkProblem(title, problem, problem, judge)
-
-
-def _chosen(names: Sequence[str] | None, allowed: Sequence[str], scene: Scene, what: str) -> list[str | None]:
-    for name in names or ():
-        if name not in allowed:
-            raise scene.error(f"no {name!r}; {near_names(name, allowed)}", f"tuning.{what}")
-    return [*(names or allowed)] or [None]

@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
 from typing import Any
 
 from optim.comparison.benchmark_problem import BenchmarkProblem
 from optim.comparison.compare import Comparison, compete, even_effort
+from optim.comparison.suite_file import check_problems, read_suite
 from optim.methods.settings import Effort
 from optim.problem.scene_recipe import tuning_of
 from optim.problem.tuning_problem import build_problem
 from optim.robust.problem import Statistic, build_robust
 from optim.search.session import SearchSession
-from spacerobot.common.errors import SpaceRobotError, near_names
-from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.load import validate
 from spacerobot.scene import Scene, build_scene, load_scene
 
 NAME = "suite"
 Plain = Mapping[str, Any]
-
-
-def read_suite() -> dict[str, Any]:
-    """The suite as plain data: effort, methods, scenes, variables and problems."""
-    text = resources.files("optim.comparison").joinpath("suite.yaml").read_text(encoding="utf-8")
-    suite: dict[str, Any] = parse_yaml(text, source="suite.yaml")
-    return suite
 
 
 def compare_suite(
@@ -48,10 +39,8 @@ def compare_suite(
         SpaceRobotError: If there is no such problem.
     """
     suite, session = read_suite(), session or SearchSession()
+    check_problems(problems or ())
     chosen = list(problems or suite["problems"])
-    for name in chosen:
-        if name not in suite["problems"]:
-            raise SpaceRobotError(f"no problem '{name}' in the suite, {near_names(name, suite['problems'])}")
     entries = _made(suite, chosen, methods or suite["methods"], dict(effort or {}), session)
     return compete(NAME, entries, session)
 

@@ -13,6 +13,7 @@ from optim.search.journal import Journal
 from optim.search.search import Search, SearchRun
 from optim.search.session import SearchSession
 from spacerobot.common.arrays import Array
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.common.registry import TUNING_METHODS, Registry, required
 
 
@@ -81,3 +82,14 @@ class TuningMethod:
             SpaceRobotError: If it cannot solve the problem, or its start is missing.
         """
         raise NotImplementedError
+
+
+def check_robust_method(method: str) -> None:
+    """Check that a method tunes robustly: that it solves any problem by itself.
+
+    Raises:
+        SpaceRobotError: If it does not, or there is no such method.
+    """
+    if not TUNING_METHODS.find(method).solves_any_problem:
+        names = [name for name, each in TUNING_METHODS.entries().items() if each.solves_any_problem]
+        raise SpaceRobotError(f"found {method!r}, which cannot tune robustly; allowed: {', '.join(names)}")

@@ -61,3 +61,18 @@ def find_numbers(
                     message = f"{path} is set by {owner[path]} already"
                     raise scene.error(message, where)
     return numbers_by_name
+
+
+def numbers_at(scene: Scene, paths: Sequence[str]) -> dict[str, float]:
+    """Numbers of a scene's scenario by dotted path.
+
+    Raises:
+        ScenarioError: If a path leads to no number.
+    """
+    document, numbers = to_document(scene.scenario), dict[str, float]()
+    for path in paths:
+        value = get(document, path)
+        if not is_number(value):
+            raise ScenarioError(f"found {value!r}, allowed: a number", where=path)
+        numbers[path] = value
+    return numbers

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -90,11 +90,9 @@ def changed_scene(scene: Scene, variant: str | None = None) -> Scene:
     Raises:
         ScenarioError: If there is no such variant, or the path of a change does not exist.
     """
+    check_choices(scene, variants=() if variant is None else (variant,))
     tuning = tuning_of(scene)
-    changes = dict(tuning.changes)
-    if variant is not None:
-        _known(variant, tuning.variants, "variant", scene)
-        changes |= tuning.variants[variant]
+    changes = dict(tuning.changes) | (tuning.variants[variant] if variant is not None else {})
     return build_scene(scene.scenario, changes, source=scene.source) if changes else scene
 
 
@@ -110,11 +108,9 @@ def with_variables(
     if not isinstance(variables, Mapping):
         if variables is None:
             return scene, None
-        tuning = tuning_of(scene)
-        names = [name for name_or_set in variables for name in tuning.sets.get(name_or_set, (name_or_set,))]
-        for name in names:
-            _known(name, tuning.variables, "variable", scene)
-        return scene, names
+        check_choices(scene, variables=variables)
+        sets = tuning_of(scene).sets
+        return scene, [name for name_or_set in variables for name in sets.get(name_or_set, (name_or_set,))]
     for name, bounds in variables.items():
         if not (isinstance(bounds, tuple | list) and len(bounds) == 3 and isinstance(bounds[0], str)):
             message = f"found {bounds!r}, required: (dotted path, lower, upper)"
@@ -126,6 +122,31 @@ def with_variables(
     return build_scene(scene.scenario, changes, source=scene.source), list(sections)
 
 
-def _known(name: str, allowed: Iterable[str], what: str, scene: Scene) -> None:
-    if name not in allowed:
-        raise scene.error(f"no {what} {name!r}; {near_names(name, allowed)}")
+def check_choices(
+    scene: Scene,
+    *,
+    variables: Sequence[str] = (),
+    sets: Sequence[str] = (),
+    variants: Sequence[str] = (),
+) -> None:
+    """Check names of the tuning section.
+
+    Args:
+        scene: A scene with a ``tuning`` section.
+        variables: Names of variables or of sets of them.
+        sets: Names of sets of variables.
+        variants: Names of variants.
+
+    Raises:
+        ScenarioError: If the section has no such variable, set or variant, or is missing.
+    """
+    tuning = tuning_of(scene)
+    choices = (
+        ("variable or set", "variables", variables, [*tuning.sets, *tuning.variables]),
+        ("set of variables", "sets", sets, tuning.sets),
+        ("variant", "variants", variants, tuning.variants),
+    )
+    for what, key, names, allowed in choices:
+        for name in names:
+            if name not in allowed:
+                raise scene.error(f"no {what} {name!r}; {near_names(name, allowed)}", f"tuning.{key}")

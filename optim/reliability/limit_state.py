@@ -17,8 +17,9 @@ import numpy as np
 from optim.campaign.sampling.parameter_space import ParameterSpace, campaign_of, gain_set, resolve_space
 from optim.campaign.sampling.samplers import score_values
 from optim.evaluation import build_quantity_rollout
+from optim.reliability.bounded_quantity import bounded_quantity
 from spacerobot.common.arrays import Array
-from spacerobot.quantities import Quantity, find_quantity
+from spacerobot.quantities import Quantity
 from spacerobot.rollout import Rollout
 from spacerobot.scenario import Campaign
 from spacerobot.scene import Scene
@@ -159,18 +160,7 @@ def build_limit_state(
             quantity does not apply to the scene, or plans are solved in the rollout.
     """
     campaign = campaign_of(scene)
-    limits = campaign.limits.given
-    if quantity is None and len(limits) != 1:
-        limited_names = ", ".join(limits) or "none"
-        raise scene.error(
-            f"limits of exactly one quantity are needed, found {limited_names}; "
-            "name one with --metric and --limit",
-            "campaign.limits",
-        )
-    chosen = find_quantity(quantity or next(iter(limits)))
-    bound = limits.get(chosen.name) if limit is None else limit
-    if bound is None:
-        raise scene.error(f"no limit of {chosen.name}; give one with --limit", "campaign.limits")
+    chosen, bound = bounded_quantity(scene, quantity, limit)
     scene = gain_set(scene, {})
     if update_schemes(scene):
         raise scene.error(
@@ -180,4 +170,4 @@ def build_limit_state(
         )
     space = resolve_space(scene, campaign)
     rollout, _ = build_quantity_rollout(scene, [chosen], space.paths, step=campaign.step)
-    return RolloutLimitState(scene, campaign, space, chosen, float(bound), rollout, threads)
+    return RolloutLimitState(scene, campaign, space, chosen, bound, rollout, threads)

@@ -29,6 +29,7 @@ from optim.campaign.sampling.samplers import draw
 from optim.json_files import write_design
 from optim.methods.run_method import MethodOutcome, refuse_periods, run_method, stored_number
 from optim.methods.settings import Effort, stated_effort
+from optim.methods.tuning_method import check_robust_method
 from optim.problem import worker_operations
 from optim.problem.objectives import OBJECTIVE
 from optim.problem.problem import Evaluation, EvaluationCost, Form, Linearisation
@@ -38,9 +39,7 @@ from optim.search.search import Progress
 from optim.search.session import SearchSession
 from optim.workers import Workers
 from spacerobot.common.arrays import Array
-from spacerobot.common.errors import SpaceRobotError
 from spacerobot.common.files import StrPath, readable
-from spacerobot.common.registry import TUNING_METHODS
 from spacerobot.common.tables import Content, Table
 from spacerobot.common.tabular import Tabular
 from spacerobot.result.store import SCENARIO
@@ -384,11 +383,9 @@ def tune_robust(
     Raises:
         SpaceRobotError: If there is no such method, or it cannot solve this problem, as periods by gradients.
     """
+    check_robust_method(method)
     if not isinstance(problem, RobustProblem):
         problem = build_robust(to_scene(problem))
-    able = [name for name, each in TUNING_METHODS.entries().items() if each.solves_any_problem]
-    if method not in able:
-        raise SpaceRobotError(f"no robust tuning by {method}; methods: {', '.join(able)}")
     refuse_periods(problem.nominal, method)
     scene = problem.nominal.scene
     effort = stated_effort(effort, tuning_of(scene))

@@ -128,7 +128,7 @@ def plan(
         ResultError: If the folder has other content or cannot be written.
     """
     from optim.planning.search.make_plan import make_plan
-    from optim.planning.studies.cost_sensitivities import numbers_at
+    from optim.problem.scenario_numbers import numbers_at
     from spacerobot.result import check_folder
 
     if folder is not None:

@@ -56,11 +56,13 @@ def figures(
     """
     from spacerobot.linear import MarginAnalysis
     from spacerobot.result import note_derived
-    from viz.figures import draw_all
-    from viz.figures.margins import margin_figures
-    from viz.figures.style import check_formats, drawn_for, write_drawings
+    from viz.figure_formats import check_formats
 
     check_formats(formats)
+    from viz.figures import draw_all
+    from viz.figures.margins import margin_figures
+    from viz.figures.style import drawn_for, write_drawings
+
     first: Source | MarginAnalysis
     first, *others = (results,) if isinstance(results, MarginAnalysis) else opened(results)
     if names and not isinstance(first, Result):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, Unpack
 from spacerobot.api.options import PlanOptions, journals
 from spacerobot.api.results import PlanResult
 from spacerobot.api.study import Playback, Study
-from spacerobot.common.errors import ResultError, ScenarioError
+from spacerobot.common.errors import ResultError
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Content
 from spacerobot.result import Result, check_folder
@@ -214,20 +214,17 @@ def pareto_front(
         **options: See :class:`~spacerobot.api.options.PlanOptions`.
 
     Raises:
-        ScenarioError: If the terms have no weights, or the duration to be swept is fixed.
+        ScenarioError: If they are not two terms with weights, or the duration to be swept is fixed.
         ResultError: If the folder has other content or cannot be written.
     """
     from optim.planning.output.front_folder import to_data
     from optim.planning.studies.pareto_front import FrontRequest, make_front
 
-    if len(terms) != 2:
-        message = f"found {','.join(terms)!r}, allowed: two terms of the cost, as time,base_rotation"
-        raise ScenarioError(message, where="--pareto")
     if folder is not None:
         check_folder(folder, ParetoFrontResult.job)
     front = make_front(
         to_scene(scene),
-        FrontRequest((terms[0], terms[1]), points),
+        FrontRequest(tuple(terms), points),
         folder=journals(folder),
         **options,
     )

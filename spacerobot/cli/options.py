@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from spacerobot.common.errors import SpaceRobotError
+
 if TYPE_CHECKING:
     from spacerobot.scene import Scene
+
+
+@contextmanager
+def reported_at(option: str) -> Iterator[None]:
+    """Report errors in the block at an option, instead of a place in a file."""
+    try:
+        yield
+    except SpaceRobotError as error:
+        raise type(error)(error.message, where=option) from None
 
 
 def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
@@ -48,6 +61,20 @@ def existing_scenario(name: str) -> str:
     from spacerobot.scenario.catalogue import find_scenario
 
     find_scenario(name)
+    return name
+
+
+def existing_quantity(name: str | None) -> str | None:
+    """Check that a quantity is registered, before a command reads the scenario.
+
+    Raises:
+        SpaceRobotError: If there is no such quantity.
+    """
+    if name is not None:
+        from spacerobot.quantities import find_quantity
+
+        with reported_at("--metric"):
+            find_quantity(name)
     return name
 
 

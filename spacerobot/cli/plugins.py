@@ -11,10 +11,11 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from spacerobot.api.saved_kinds import saved_kind
 from spacerobot.common.errors import ResultError
 
 TRUSTED = Path("spacerobot") / "trusted_plugins"
@@ -23,19 +24,26 @@ KEPT_IN = ("summary.json", "plan.json", "campaign.json")
 """Files of results, plans and campaigns that keep the plugins which they were made with."""
 
 
-def load_plugins_of(folders: Iterable[Path]) -> None:
-    """Run the plugins with which the results, plans and campaigns in folders were made.
+def check_folders(folders: Iterable[Path]) -> None:
+    """Check that folders hold results, before a command imports the libraries that read them.
 
     Raises:
-        ResultError: If a folder is missing, or a plugin is missing, changed or not permitted; the message
-            states how to permit it.
+        ResultError: If a folder is missing, or holds no result.
     """
-    folders = list(folders)
     for folder in folders:
         if not folder.is_dir():
             raise ResultError(
                 "is a file, not a folder" if folder.exists() else "no such folder", source=folder
             )
+        saved_kind(folder)
+
+
+def load_plugins_of(folders: Sequence[Path]) -> None:
+    """Run the plugins with which the results, plans and campaigns in folders were made.
+
+    Raises:
+        ResultError: If a plugin is missing, changed or not permitted; the message states how to permit it.
+    """
     for folder, record in _records(folders):
         from spacerobot.elements import load_plugin
         from spacerobot.elements.core.registry import plugin_records

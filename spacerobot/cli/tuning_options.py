@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from spacerobot.cli.options import reported_at
 from spacerobot.cli.output import progress, warn
 from spacerobot.common.interrupts import keep
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from optim import MethodOutcome, SearchProgress
     from optim.search.search import Progress
+    from spacerobot.scene import Scene
 
 Variant = Annotated[
     str | None, typer.Option("--variant", metavar="NAME", help="A variant of the tuning section.")
@@ -70,6 +72,20 @@ def journals(out: Path | None, job: str) -> Path | None:
 def parts(text: str | None) -> list[str] | None:
     """Names in a list separated by commas; None if there is no list."""
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+
+
+def check_names(scene: Scene, variables: str | None, variant: str | None) -> None:
+    """Check --variables and --variant, before the libraries of tuning are loaded.
+
+    Raises:
+        ScenarioError: If the scene's tuning section has no such variable, set or variant.
+    """
+    from optim.problem.scene_recipe import check_choices
+
+    with reported_at("--variables"):
+        check_choices(scene, variables=parts(variables) or ())
+    with reported_at("--variant"):
+        check_choices(scene, variants=() if variant is None else (variant,))
 
 
 @contextmanager

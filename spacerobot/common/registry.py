@@ -10,8 +10,10 @@ import importlib
 import importlib.util
 import inspect
 import pkgutil
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
@@ -125,8 +127,8 @@ class Registry:
     Args:
         family: Name of the family in messages, in the singular.
         package: Package whose modules register the shipped entries.
-        named_by_file: Whether each module registers one entry with the module's name. Otherwise the names are
-            known only after all modules are loaded.
+        named_by_file: Whether each module registers one entry with the module's name. Otherwise the entries
+            are functions with a decorator of the family's name.
     """
 
     def __init__(self, family: str, package: str, *, named_by_file: bool = True) -> None:
@@ -160,8 +162,8 @@ class Registry:
         del self._entries[name], self._modules[name]
 
     def names(self) -> tuple[str, ...]:
-        """Names of all entries in alphabetical order; entries named by files are not loaded."""
-        shipped = self._shipped() if self.named_by_file else self.entries()
+        """Names of all entries in alphabetical order; no entry is loaded."""
+        shipped = self._shipped() if self.named_by_file else self._decorated()
         return tuple(sorted({*shipped, *self._entries}))
 
     def entries(self) -> Mapping[str, Any]:
@@ -172,6 +174,15 @@ class Registry:
                 importlib.import_module(f"{self.package}.{name}")
         ordered = sorted(self._entries.items(), key=lambda item: (item[1].place, item[0]))
         return MappingProxyType(dict(ordered))
+
+    def check(self, name: str) -> None:
+        """Check that there is an entry of a name; no entry is loaded.
+
+        Raises:
+            SpaceRobotError: If there is no such entry; the message has similar names.
+        """
+        if name not in self.names():
+            raise SpaceRobotError(f"no {self.family} {name!r}; {near_names(name, self.names())}")
 
     def find(self, name: str) -> Any:
         """Find an entry by its name.
@@ -184,14 +195,24 @@ class Registry:
         elif name not in self._entries and name in self._shipped():
             importlib.import_module(f"{self.package}.{name}")
         if name not in self._entries:
-            raise SpaceRobotError(f"no {self.family} {name!r}; {near_names(name, self.names())}")
+            self.check(name)
         return self._entries[name]
 
     def _shipped(self) -> tuple[str, ...]:
+        """Names of the package's modules."""
+        return tuple(module.name for module in pkgutil.iter_modules(self._folders()))
+
+    def _decorated(self) -> tuple[str, ...]:
+        """Names of the package's functions with the family's decorator, read from the modules' texts."""
+        function = re.compile(rf"^@{self.family}\(.*?^def (\w+)", re.MULTILINE | re.DOTALL)
+        files = [file for folder in self._folders() for file in Path(folder).glob("*.py")]
+        return tuple(name for file in files for name in function.findall(file.read_text(encoding="utf-8")))
+
+    def _folders(self) -> Sequence[str]:
         specification = importlib.util.find_spec(self.package)
         assert specification is not None
         assert specification.submodule_search_locations is not None
-        return tuple(module.name for module in pkgutil.iter_modules(specification.submodule_search_locations))
+        return specification.submodule_search_locations
 
 
 Class = TypeVar("Class", bound=type[Any])

@@ -205,7 +205,8 @@ BUILT_ON = {
         "optim.robust",
     },
     "viz.drawing": set(),
-    "viz.figures": {"viz.drawing", "optim.campaign"},
+    "viz.figure_formats": set(),
+    "viz.figures": {"viz.figure_formats", "viz.drawing", "optim.campaign"},
     "viz.page": {"viz.drawing", "viz.figures"},
     "viz.recording": {"viz.drawing", "viz.figures", "viz.page"},
     "viz.studio": {

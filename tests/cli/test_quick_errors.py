@@ -53,7 +53,7 @@ def attempt(*arguments, folder):
         (("figures", "missing"), "missing: no such folder"),
         (("identify", "missing"), "missing: no such folder"),
         (("passive-safety", "missing"), "missing: no such folder"),
-        (("report", "missing"), "missing: no such folder"),
+        (("report", "missing"), "missing: no such file or folder"),
         (("plan", "paper"), "plan: no such section"),
         (("compare", "papper"), "did you mean paper?"),
         (("export",), "as in `spacerobot export out/paper paper.csv`"),
@@ -70,6 +70,63 @@ def test_an_error_that_needs_no_model_is_reported_without_loading_one(arguments,
     assert (code, loaded) == ("2", [])
     assert message in error
     assert error.startswith("error: ")
+
+
+SLOW = ("matplotlib", "pandas", "scipy", "xarray")
+"""Libraries of computations, of results and of figures, which the check of an option does not need."""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("campaign paper --out c --gains tund", "--gains: no set 'tund'; allowed: scenario; or NAME=DIR"),
+        ("compare paper --sets bse", "--sets: no set of variables 'bse'; allowed: five, seven"),
+        ("compare paper --variants bse", "--variants: no variant 'bse'; did you mean base?"),
+        (
+            "compare suite --problems nothing",
+            "--problems: no problem 'nothing' in the suite; allowed: carry-",
+        ),
+        ("falsify paper --metric tip_eror", "--metric: no quantity 'tip_eror'; did you mean tip_error_rms"),
+        ("falsify paper --metric tip_error_rms", "no limit of tip_error_rms; give one with --limit"),
+        ("figures result --format jpeg2000", "--format: no format 'jpeg2000'; allowed: pdf, png, svg"),
+        ("figures result --only tip_eror", "--only: no figure 'tip_eror'; did you mean tip_errors"),
+        ("plan docking --pareto time", "--pareto: found 'time', allowed: two terms of the cost"),
+        ("plan docking --pareto time,time", "--pareto: found 'time' twice, allowed: two terms"),
+        ("plan docking --pareto tme,base_rotation", "--pareto: no term 'tme'; did you mean time?"),
+        ("plan docking --sensitivities targt.mass", "--sensitivities: no 'targt'; did you mean target?"),
+        ("reliability paper --method foo", "--method: no estimator 'foo'; allowed: importance"),
+        (
+            "reliability paper --metric tip_eror",
+            "--metric: no quantity 'tip_eror'; did you mean tip_error_rms",
+        ),
+        ("robust paper --method foo", "--method: no method 'foo'; allowed: cmaes"),
+        ("robust paper --variant bse", "--variant: no variant 'bse'; did you mean base?"),
+        ("sweep paper --variables kk", "--variables: no variable or set 'kk'; allowed: five"),
+        ("tune paper --variables kk", "--variables: no variable or set 'kk'; allowed: five"),
+        ("tune paper --variant bse", "--variant: no variant 'bse'; did you mean base?"),
+        *(
+            (f"{name} empty", "empty: no result in this folder; allowed: a folder that a command has written")
+            for name in ("animate", "figures", "identify", "passive-safety", "report")
+        ),
+        ("animate .", ".: no result in this folder; its subfolders hold some: result"),
+        ("report text.txt", "text.txt: no result in this file; allowed: "),
+        ("report other.json", "other.json: no result in this file; allowed: "),
+        ("identify text.txt", "text.txt: is a file, not a folder"),
+    ],
+)
+def test_a_wrong_option_or_result_is_reported_without_libraries_that_compute(arguments, message, tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "result").mkdir()
+    (tmp_path / "result" / "summary.json").write_text("{}")
+    (tmp_path / "text.txt").write_text("text")
+    (tmp_path / "other.json").write_text('{"other": 1}')
+    files = sorted(tmp_path.rglob("*"))
+    (code, *loaded), error = attempt(*arguments.split(), folder=tmp_path)
+    assert code == "2"
+    assert not {*SLOW} & {*loaded}
+    assert message in error
+    assert error.startswith("error: ")
+    assert sorted(tmp_path.rglob("*")) == files
 
 
 @pytest.mark.parametrize(

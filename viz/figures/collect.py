@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from spacerobot.common.errors import ResultError, near_names
+from spacerobot.common.errors import ResultError
 from spacerobot.common.files import StrPath
 from spacerobot.common.registry import FIGURES
 from spacerobot.result import Result, note_derived
@@ -30,14 +30,14 @@ def draw_all(
         names: Names of the kinds to draw; None draws all.
 
     Raises:
-        ResultError: If there is no figure of a name, or some results are planar and others spatial.
+        ResultError: If some results are planar and others spatial.
+        SpaceRobotError: If there is no figure of a name.
     """
+    for name in names or ():
+        FIGURES.check(name)
     check_comparable(results)
     common = with_common_tips(results)
     kinds = figure_kinds()
-    for name in names or ():
-        if all(kind.name != name for kind in kinds):
-            raise ResultError(f"no figure {name!r}; {near_names(name, [kind.name for kind in kinds])}")
     for kind in kinds:
         if names is not None and kind.name not in names:
             continue

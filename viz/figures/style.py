@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from spacerobot.common.errors import ResultError, near_names
 from spacerobot.common.files import write_bytes
 from spacerobot.result import Result
+from viz.figure_formats import check_formats
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
 """Okabe and Ito's palette, in an order that alternates dark and light."""
@@ -28,9 +29,6 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 
 
 PAPER_FILL, PAPER_LINE = "#E8E4D8", "#8C7F5A"
 """The paper's own values, behind ours."""
-
-FORMATS = ("pdf", "svg", "png")
-"""Kinds of files a figure can be written as."""
 
 WIDTHS_MM = {"single": 89.0, "double": 183.0}
 """Widths of figures in one column, and in two, of a journal's page."""
@@ -141,17 +139,6 @@ def lay_out(figure: Figure) -> None:
     # once, and not whenever it is written: that takes longer than to draw
     layout.execute(figure)
     figure.set_layout_engine(None)
-
-
-def check_formats(formats: Iterable[str]) -> None:
-    """Refuse formats that no figure can be written in.
-
-    Raises:
-        ResultError: If one is not known.
-    """
-    for form in formats:
-        if form not in FORMATS:
-            raise ResultError(f"no format {form!r}; {near_names(form, FORMATS)}")
 
 
 def write_drawings(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from optim.campaign.rollouts.gain_sets import NOMINAL, Gains
 from optim.campaign.rollouts.metrics import (
     CampaignMetrics,
     MetricColumn,
@@ -37,10 +38,6 @@ from spacerobot.scenario import Campaign
 from spacerobot.scenario.load import to_document
 from spacerobot.scene import Scene
 from spacerobot.updates import UpdatedRollout, UpdatedScene
-
-Gains = Mapping[str, Mapping[str, Any]]
-NOMINAL = "scenario"
-"""Name of the scenario's own gains where no set is given."""
 
 ASKED_AFTERWARDS = ("limits", "require_captures", "percentiles", "confidence", "gains")
 """Fields of the section that change no rollout (``gains`` are kept beside it)."""

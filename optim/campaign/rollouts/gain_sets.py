@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from optim.campaign.rollouts.evaluator import NOMINAL, Gains
 from optim.campaign.sampling.parameter_space import campaign_of
 from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.result.store import SCENARIO
@@ -16,6 +15,10 @@ from spacerobot.scenario.document import read_document
 from spacerobot.scenario.load import to_document, validate
 from spacerobot.scene import Scene
 
+Gains = Mapping[str, Mapping[str, Any]]
+"""Changes by dotted path, by the name of the set of gains."""
+NOMINAL = "scenario"
+"""Name of the scenario's own gains."""
 NAMED = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")  # as the campaign section has them
 CONTROL = ("pid", "amnesia", "orientation_pid", "orientation_amnesia")
 

@@ -22,11 +22,8 @@ from optim.planning.transcription.collocation_program import CollocationProgram
 from optim.planning.transcription.drive_jumps import segment_constraints, segment_problems
 from optim.planning.transcription.instant_functions import with_values_of
 from optim.planning.transcription.phase_chain import PhaseChain
+from optim.problem.scenario_numbers import numbers_at
 from spacerobot.common.arrays import Array
-from spacerobot.common.errors import ScenarioError
-from spacerobot.common.section import is_number
-from spacerobot.scenario.load import to_document
-from spacerobot.scenario.paths import get
 from spacerobot.scene import Scene, build_scene
 
 STEP = 1e-4
@@ -34,24 +31,6 @@ STEP = 1e-4
 SMALL = 1e-3
 SIDES = ((1, 8.0), (2, -1.0))
 """Distances of the two-sided differences in steps, and their weights: a fourth-order formula."""
-
-
-def numbers_at(scene: Scene, paths: Sequence[str]) -> dict[str, float]:
-    """Numbers of a scene's scenario by dotted path.
-
-    Raises:
-        ScenarioError: If a path leads to no number.
-    """
-    document, numbers = to_document(scene.scenario), dict[str, float]()
-    for path in paths:
-        try:
-            value = get(document, path)
-        except ScenarioError as error:
-            raise ScenarioError(error.message, where=f"sensitivities: {error.where}") from None
-        if not is_number(value):
-            raise ScenarioError(f"found {value!r}, allowed: a number", where=f"sensitivities: {path}")
-        numbers[path] = value
-    return numbers
 
 
 def cost_sensitivities(planned: PlanSolution, paths: Sequence[str]) -> dict[str, float]:

@@ -27,9 +27,8 @@ from optim.planning.search.make_plan import (
 )
 from optim.planning.search.plan_solver import PlanSolver, SolveRequest, SolveResult
 from optim.planning.search.solve_tasks import SolveTask, run_tasks
-from spacerobot.common.errors import ScenarioError, near_names
+from optim.planning.studies.front_terms import check_terms
 from spacerobot.common.files import StrPath
-from spacerobot.quantities import planned
 from spacerobot.scenario.plan_cost import PlanCost
 from spacerobot.scene import Scene
 
@@ -74,7 +73,7 @@ class ParetoFront:
     """
 
     scene: Scene
-    names: tuple[str, str]
+    names: tuple[str, ...]
     points: tuple[FrontPoint, ...]
 
     @property
@@ -96,7 +95,7 @@ class FrontRequest:
         count: Number of points.
     """
 
-    names: tuple[str, str] = ("time", "base_rotation")
+    names: tuple[str, ...] = ("time", "base_rotation")
     count: int = 9
 
 
@@ -117,8 +116,9 @@ def make_front(
         backend, progress, folder, dask: As for :func:`optim.planning.search.make_plan.make_plan`.
 
     Raises:
-        ScenarioError: If the terms have no weights, or the duration to be swept is fixed.
+        ScenarioError: As :func:`.check_terms`.
     """
+    check_terms(scene, front_request.names)
     folder = None if folder is None else Path(folder)
     solver = PlanSolver.of(scene, backend, progress or (lambda _: None), motions=front_request.count)
     requests = _asks(solver, front_request)
@@ -150,25 +150,9 @@ def bisection_order(count: int) -> list[tuple[int, int | None]]:
 
 
 def _asks(solver: PlanSolver, front_request: FrontRequest) -> list[SolveRequest]:
-    """Solve request of each point.
-
-    Raises:
-        ScenarioError: If the terms have no weights, or the duration is fixed.
-    """
+    """Solve request of each point."""
     weights, plain = solver.problem.weights, solver.request()
-    if len(solver.phases) > 1:
-        raise solver.scene.error("a front takes a plan of one phase", "plan.phases")
-    for name in front_request.names:
-        terms = dict.fromkeys([*solver.plan.costs, *planned()])
-        if name not in terms:
-            raise ScenarioError(f"no term {name!r}; {near_names(name, terms)}", where="--pareto")
-        if name != "time" and not weights.get(name):
-            raise solver.scene.error(
-                "has no weight, so that nothing makes it small; give it one", f"plan.costs.{name}"
-            )
     first, second = front_request.names
-    if first == second:
-        raise ScenarioError(f"found {first!r} twice, allowed: two terms", where="--pareto")
     if "time" not in front_request.names:
         shares = np.linspace(DECADES / 2, -DECADES / 2, front_request.count) / 2
         return [
@@ -183,11 +167,6 @@ def _asks(solver: PlanSolver, front_request: FrontRequest) -> list[SolveRequest]
             for share in shares
         ]
     least, greatest, _ = solver.problem.duration
-    if least == greatest:
-        raise solver.scene.error(
-            f"found {least:g} s; a front over time needs limits of the duration, as {{lower: 6, upper: 12}}",
-            "plan.duration",
-        )
     times = np.linspace(least, greatest, front_request.count)
     return [dataclasses.replace(plain, duration=(float(t),) * 3) for t in times]
 
@@ -221,7 +200,7 @@ def _point(
     return FrontPoint(name, changes, {"time": duration, **values}, "efficient", "", plan)
 
 
-def _compared(points: Sequence[FrontPoint], names: tuple[str, str]) -> list[FrontPoint]:
+def _compared(points: Sequence[FrontPoint], names: tuple[str, ...]) -> list[FrontPoint]:
     """Points with those marked that another point dominates."""
     at = {p.name: np.array([p.values[name] for name in names]) for p in points if p.plan is not None}
 

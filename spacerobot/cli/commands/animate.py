@@ -12,7 +12,7 @@ import spacerobot as sr
 from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.options import Port
 from spacerobot.cli.output import console, progress
-from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.cli.plugins import check_folders, load_plugins_of
 from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ def command(
         spacerobot animate out/flown out/plan
     """
     folders = [*folders, *([compare] if compare else [])]
+    check_folders(folders)
     load_plugins_of(folders)
     if html is None and record is None:
         serve(folders, port, open_browser=not no_browser)

@@ -74,6 +74,9 @@ def command(
         spacerobot campaign paper --out out/both --gains scenario --gains tuned=out/tuned
     """
     scene = load(scenario, changes, "campaign")
+    from optim.campaign.rollouts.gain_sets import gain_sets
+
+    sets = None if gains is None else gain_sets(scene, gains)  # wrong ones are refused at once
     from optim.campaign import ROLLING_OUT
 
     with progress("reading") as tell:
@@ -84,7 +87,7 @@ def command(
             tell(str(now))
 
         result = sr.campaign(
-            scene, out, gains=gains, samples=samples, progress=report, threads=threads, dask=dask
+            scene, out, gains=sets, samples=samples, progress=report, threads=threads, dask=dask
         )
         keep(False)
         tell("computing statistics")

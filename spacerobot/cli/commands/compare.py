@@ -19,6 +19,7 @@ from spacerobot.cli.options import (
     View,
     existing_scenario,
     load,
+    reported_at,
 )
 from spacerobot.cli.output import console, show, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
@@ -106,20 +107,33 @@ def command(
         if is_named and out is None:
             raise typer.BadParameter("needs --out DIR, where what it shows is written", param_hint=name)
     settings = {"budget": budget, "runs": runs, "starts": starts, "seed": seed}
-    for method in parts(methods) or ():
-        TUNING_METHODS.find(method)  # refused before anything is loaded
+    with reported_at("--methods"):
+        for method in parts(methods) or ():
+            TUNING_METHODS.check(method)
+    if scenario == SUITE:
+        from optim.comparison.suite_file import check_problems
+
+        _refuse("suite", {"--variants": variants, "--sets": sets, "--set": changes, "--full": full or None})
+        with reported_at("--problems"):
+            check_problems(parts(problems) or ())
+    else:
+        _refuse("scenario", {"--problems": problems})
+        scene = load(scenario, changes, "tuning")
+        from optim.problem.scene_recipe import check_choices
+
+        with reported_at("--variants"):
+            check_choices(scene, variants=parts(variants) or ())
+        with reported_at("--sets"):
+            check_choices(scene, sets=parts(sets) or ())
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         options: SearchOptions = {"workers": workers, "progress": report, "notify": tell}
         if scenario == SUITE:
-            others = {"--variants": variants, "--sets": sets, "--set": changes, "--full": full or None}
-            _refuse("suite", others)
             compared = sr.compare_suite(
                 out, problems=parts(problems), methods=parts(methods), effort=settings, **options
             )
         else:
-            _refuse("scenario", {"--problems": problems})
             compared = sr.compare(
-                load(scenario, changes, "tuning"),
+                scene,
                 out,
                 methods=parts(methods),
                 variants=parts(variants),

@@ -8,14 +8,17 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
-from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, load
+from spacerobot.cli.options import Changes, Out, ScenarioName, Threads, existing_quantity, load
 from spacerobot.cli.output import print_next, show
 from spacerobot.cli.tuning_options import Seed, journals, shown
 
 Metric = Annotated[
     str | None,
     typer.Option(
-        "--metric", metavar="NAME", help="Quantity; the one that `campaign.limits` bounds if not given."
+        "--metric",
+        metavar="NAME",
+        callback=existing_quantity,
+        help="Quantity; the one that `campaign.limits` bounds if not given.",
     ),
 ]
 Limit = Annotated[
@@ -60,6 +63,9 @@ def command(
         spacerobot falsify paper --metric grip_force_peak --limit 25 --starts 32
     """
     scene = load(scenario, changes, "campaign")
+    from optim.reliability.bounded_quantity import bounded_quantity
+
+    bounded_quantity(scene, metric, limit)  # refused before the libraries of the search are loaded
     folder = journals(out, "falsify.json")
     with shown() as (tell, report):
         tell("building the closed loop")

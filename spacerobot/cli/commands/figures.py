@@ -9,8 +9,11 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import LOOK, Command
+from spacerobot.cli.options import reported_at
 from spacerobot.cli.output import console, progress
-from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.cli.plugins import check_folders, load_plugins_of
+from spacerobot.cli.tuning_options import parts
+from spacerobot.common.registry import FIGURES
 
 ResultFolder = Annotated[Path, typer.Argument(metavar="RESULT", help="Folder of a result.")]
 Compare = Annotated[
@@ -54,10 +57,18 @@ def command(
 
         spacerobot figures out/plan --compare out/flown
     """
-    load_plugins_of([folder for folder in (result, compare) if folder is not None])
-    folders = [one for one in (result, compare) if one is not None]
+    from viz.figure_formats import check_formats
+
+    file_formats = parts(formats) or []
+    with reported_at("--format"):
+        check_formats(file_formats)
+    folders = [folder for folder in (result, compare) if folder is not None]
+    check_folders(folders)
+    load_plugins_of(folders)
+    with reported_at("--only"):
+        for name in only or ():
+            FIGURES.check(name)
     folder = out or result / "figures"
-    file_formats = [form.strip() for form in formats.split(",") if form.strip()]
     with progress("drawing"):
         drawings = sr.figures(folders, folder, names=only, formats=file_formats, width=width)
     console().print(f"{len(drawings) * len(file_formats)} files in {folder}", markup=False, soft_wrap=True)

@@ -10,7 +10,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.output import progress, show
-from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.cli.plugins import check_folders, load_plugins_of
 
 
 @Command.of("identify", place=4, group=SIMULATE)
@@ -43,6 +43,7 @@ def command(
 
         spacerobot identify out/caught --noise 1 --since 20
     """
+    check_folders([result])
     load_plugins_of([result])
     with progress("identifying"):
         sensors = sr.SensorNoise().scaled(noise) if noise else None

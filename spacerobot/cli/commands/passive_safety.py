@@ -10,7 +10,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.output import progress, show
-from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.cli.plugins import check_folders, load_plugins_of
 from spacerobot.common.tables import Table
 
 
@@ -40,6 +40,7 @@ def command(
 
         spacerobot passive-safety out/docking --drift 600 --clearance 0.5
     """
+    check_folders([result])
     load_plugins_of([result])
     loaded = sr.Result.load(result)
     with progress("drifting") as tell:

@@ -10,8 +10,9 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import PLAN, Command
 from spacerobot.cli.commands.animate import serve
-from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, load
+from spacerobot.cli.options import Changes, Machines, Out, Port, ScenarioName, View, load, reported_at
 from spacerobot.cli.output import print_next, progress, show, warn
+from spacerobot.cli.tuning_options import parts
 from spacerobot.common.errors import ScenarioError
 from spacerobot.common.interrupts import advise
 
@@ -117,6 +118,15 @@ def command(
             f"no such file as {warm_start}, allowed: a plan's folder, or its plan.nc", where="--from"
         )
     scene = load(scenario, changes, "plan")
+    terms, paths = parts(pareto), parts(sensitivities) or []
+    if terms is not None:
+        from optim.planning.studies.front_terms import check_terms
+
+        check_terms(scene, terms)
+    from optim.problem.scenario_numbers import numbers_at
+
+    with reported_at("--sensitivities"):
+        numbers_at(scene, paths)
     for warning in scene.warnings:
         warn(warning)
     if out is not None:  # where completed searches are kept
@@ -127,12 +137,10 @@ def command(
         if design:
             result = sr.design_study(scene, out, points=points, **options)
             files = "design.json, figures/design.png and the plan of the optimal design"
-        elif pareto is not None:
-            terms = [part.strip() for part in pareto.split(",")]
+        elif terms is not None:
             result = sr.pareto_front(scene, terms, out, points=points, **options)
             files = "front.json, figures/front.png and a plan for each point"
         else:
-            paths = [path.strip() for path in sensitivities.split(",")] if sensitivities else ()
             result = sr.plan(scene, out, warm_start=warm_start, sensitivities=paths, **options)
             files = "plan.nc, plan.json, followed.yaml and figures"
         if out is not None:

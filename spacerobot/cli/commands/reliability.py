@@ -10,7 +10,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.falsify import Limit, Metric
-from spacerobot.cli.options import Changes, ScenarioName, Threads, load
+from spacerobot.cli.options import Changes, ScenarioName, Threads, load, reported_at
 from spacerobot.cli.output import print_next, progress, show
 from spacerobot.cli.tuning_options import Seed
 from spacerobot.common.registry import ESTIMATORS
@@ -56,8 +56,12 @@ def command(
 
         spacerobot reliability paper --metric grip_force_peak --limit 30 --method line --out out/rare.json
     """
+    with reported_at("--method"):
+        ESTIMATORS.check(method)
     scene = load(scenario, changes, "campaign")
-    ESTIMATORS.find(method)
+    from optim.reliability.bounded_quantity import bounded_quantity
+
+    bounded_quantity(scene, metric, limit)  # refused before the libraries of the search are loaded
     with progress("building and simulating"):
         probability = sr.failure_probability(
             scene,

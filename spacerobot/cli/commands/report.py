@@ -8,9 +8,11 @@ from typing import Annotated
 import typer
 
 import spacerobot as sr
+from spacerobot.api.saved_kinds import saved_kind
 from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.result.store import SUMMARY
 
 Folders = Annotated[
     list[Path],
@@ -51,6 +53,9 @@ def command(folders: Folders, out: Out = None) -> None:
 
         spacerobot report out/rare.json
     """
+    for path in folders:
+        if not list(path.glob(f"*/{SUMMARY}")):  # a folder may hold several results
+            saved_kind(path)
     load_plugins_of([folder for folder in folders if not folder.is_file()])
     first = folders[0]
     path = out or (first.with_suffix(".html") if first.is_file() else first / "report.html")

@@ -9,7 +9,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.run import warn_if_open
-from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, load
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, load, reported_at
 from spacerobot.cli.output import print_next, show
 from spacerobot.cli.tuning_options import (
     Budget,
@@ -18,6 +18,7 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     Variant,
+    check_names,
     effort_of_ga,
     journals,
     parts,
@@ -72,7 +73,14 @@ def command(
 
         spacerobot robust paper --variant base --variables seven --measure worst --out out/robust
     """
+    with reported_at("--method"):
+        TUNING_METHODS.check(method)
     scene = load(scenario, changes, "tuning", "campaign")
+    from optim.methods.tuning_method import check_robust_method
+
+    with reported_at("--method"):
+        check_robust_method(method)
+    check_names(scene, variables, variant)
     folder, effort = journals(out, "robust.json"), effort_of_ga(budget, runs, starts, seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")

@@ -12,6 +12,7 @@ from spacerobot.cli.tuning_options import (
     Seed,
     Variables,
     Variant,
+    check_names,
     journals,
     parts,
     shown,
@@ -38,6 +39,7 @@ def command(
         spacerobot sweep paper --variant base --variables five --budget 1000 --runs 3
     """
     scene = load(scenario, changes, "tuning")
+    check_names(scene, variables, variant)
     folder = journals(out, "sweep.json")
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")

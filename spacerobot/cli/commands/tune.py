@@ -9,7 +9,7 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.run import fail_if_diverged
-from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, load
+from spacerobot.cli.options import Changes, Machines, Out, ScenarioName, Threads, load, reported_at
 from spacerobot.cli.output import print_next, show
 from spacerobot.cli.tuning_options import (
     Budget,
@@ -18,6 +18,7 @@ from spacerobot.cli.tuning_options import (
     Starts,
     Variables,
     Variant,
+    check_names,
     effort_of_ga,
     journals,
     parts,
@@ -70,9 +71,11 @@ def command(
 
         spacerobot tune my.yaml --method ga --budget 2000 --runs 3 --dask local:4
     """
-    TUNING_METHODS.find(method)  # refused before anything is loaded
+    with reported_at("--method"):
+        TUNING_METHODS.check(method)
     scene = load(scenario, changes, *(() if vary else ("tuning",)))
-    scene = sr.vary(scene, vary or [])
+    scene = sr.vary(scene, vary) if vary else scene
+    check_names(scene, variables, variant)
     folder, effort = journals(out, "tuning.json"), effort_of_ga(budget, runs, starts, seed)
     with shown() as (tell, report), sr.open_workers(threads, dask) as workers:
         tell("building the closed loop")
