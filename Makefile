@@ -44,7 +44,7 @@ check-js: node_modules/installed  ## Lint and type-check the JavaScript of the p
 
 docs: $(VENV)/installed-all  ## The documentation's site, in build/site; a warning fails it
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	SPACEROBOT_SITE=build/site $(BIN)/python -m pytest -n 0 tests/docs/test_site.py
 	@echo "Open build/site/index.html."
 

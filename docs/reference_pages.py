@@ -145,9 +145,14 @@ def section_table(schema: Schema, page: str) -> str:
     """Keys of one section as a table on a page."""
     rows = ["| key | type | default | unit | range | description |", "|---|---|---|---|---|---|"]
     required = schema.get("required", [])
+    first_keys: dict[str, str] = {}  # a long list of kinds is shown once
     for name, own in schema.get("properties", {}).items():
+        type_text = type_of(own, page)
+        first_key = first_keys.setdefault(type_text, name)
+        if first_key != name and type_text.count("](") > 2:
+            type_text = f"as `{first_key}`"
         described = cell(re.sub(r"\s*\[[^\[\]]*\]$", "", str(own.get("description", ""))))
-        cells = (type_of(own, page), default_of(name, own, required), own.get("unit", ""), range_of(own))
+        cells = (type_text, default_of(name, own, required), own.get("unit", ""), range_of(own))
         rows.append(f"| `{name}` | " + " | ".join(cell(str(c)) for c in cells) + f" | {described} |")
     return "\n".join(rows)
 

@@ -12,6 +12,8 @@ import reference_pages
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
+from spacerobot.common.lazy_names import IMPORT
+
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
 NAMES = re.compile(r"^<!-- names of ([\w.]+) -->$", re.MULTILINE)
@@ -54,12 +56,16 @@ def on_files(files: Files, config: Any) -> Files:
 def names_of(package: str) -> str:
     """Reference of the names that a package loads from its own modules when they are used, figures aside."""
     module = importlib.import_module(package)
-    names = [name for name in module.__all__ if name != "__version__"]
-    homes = {name: getattr(module, name).__module__ for name in names}
-    package_names = [
-        name for name in names if homes[name].startswith(package) and ".figures" not in homes[name]
-    ]
-    return "\n\n".join(f"::: {homes[name]}.{name}" for name in package_names)
+    stub = Path(str(module.__file__)).with_suffix(".pyi").read_text(encoding="utf-8")
+    homes = {}
+    for stub_module, name in IMPORT.findall(stub):
+        own = getattr(getattr(module, name), "__module__", None) or ""  # data and aliases of types have none
+        homes[name] = own if own.startswith(package) else stub_module
+    return "\n\n".join(
+        f"::: {home}.{name}"
+        for name, home in homes.items()
+        if home.startswith(f"{package}.") and ".figures" not in home
+    )
 
 
 def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> str:

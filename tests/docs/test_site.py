@@ -86,12 +86,16 @@ def test_links_of_the_repository_are_links_of_the_site(site):
 def test_names_of_packages_are_in_the_reference(site):
     import optim
     import viz
+    from spacerobot import elements
 
-    pages = {
-        package.__name__: (site / "reference" / "api" / f"{package.__name__}.html").read_text()
-        for package in (optim, viz)
-    }
-    rollout = (site / "reference" / "api" / "rollout.html").read_text()
-    for package in (optim, viz):
+    def text(page):
+        return (site / "reference" / "api" / f"{page}.html").read_text()
+
+    for package, page, others in (
+        (optim, "optim", ("rollout",)),
+        (viz, "viz", ()),
+        (elements, "elements", ("scenario", "dynamics")),
+    ):
+        pages = "".join(map(text, (page, *others)))
         for name in package.__all__:
-            assert re.search(rf'id="[\w.]+\.{name}"', pages[package.__name__] + rollout), name
+            assert re.search(rf'id="[\w.]+\.{name}"', pages), name
