@@ -1,22 +1,5 @@
 """Descriptions of robots and objects: search, reading, checks and writing of URDF and MJCF."""
 
-from spacerobot.description.find import find_urdf, shipped_names, shipped_urdf_folder
-from spacerobot.description.parts import Geometry, LinkShape, UrdfJoint, UrdfLink
-from spacerobot.description.planar import PlanarBase, PlanarLink, planar_arm_urdf, rectangle_urdf
-from spacerobot.description.read import Description, read_description
+from spacerobot.common.lazy_names import lazy_names
 
-__all__ = [
-    "Description",
-    "Geometry",
-    "LinkShape",
-    "PlanarBase",
-    "PlanarLink",
-    "UrdfJoint",
-    "UrdfLink",
-    "find_urdf",
-    "planar_arm_urdf",
-    "read_description",
-    "rectangle_urdf",
-    "shipped_names",
-    "shipped_urdf_folder",
-]
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import glob
 import os
 from collections.abc import Iterator
@@ -69,9 +70,26 @@ def find_urdf(name: StrPath, relative_to: StrPath | None = None) -> Path:
         if is_file(candidate):
             return candidate.resolve()
     place = f" in {relative_to} and among the shipped ones" if relative_to is not None else ""
-    raise DescriptionError(
-        f"no such URDF file{place}; {near_names(requested.name, shipped_names())}", source=str(name) or "''"
-    )
+    # similar names, without the suffix that all of them share: in the folder that is named, and shipped ones
+    beside = candidates[0].parent if candidates else Path(os.devnull)
+    nearby = {each.stem: str(requested.parent / each.name) for each in _urdfs(beside)}
+    known = {each.removesuffix(".urdf"): each for each in shipped_names()} | nearby
+    close = difflib.get_close_matches(requested.stem, known, n=3, cutoff=0.6)
+    if close:
+        hint = "did you mean " + " or ".join(known[each] for each in close) + "?"
+    elif len(requested.parts) > 1:
+        hint = "check the path" if beside.is_dir() else f"there is no folder {requested.parent}"
+    else:
+        hint = near_names(requested.name, shipped_names())
+    raise DescriptionError(f"no such URDF file{place}; {hint}", source=str(name) or "''")
+
+
+def _urdfs(folder: Path) -> list[Path]:
+    """URDFs in a folder; none if it cannot be read."""
+    try:
+        return sorted(folder.glob("*.urdf"))
+    except (OSError, ValueError):
+        return []
 
 
 def find_in_package(uri: str, near: Path | None) -> Path | None:

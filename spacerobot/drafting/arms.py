@@ -121,6 +121,18 @@ def ends(description: Description) -> list[str]:
     return [link.name for link in description.links if link.name not in parents]
 
 
+def tips_words(description: Description) -> str:
+    """Possible tips in words: the end links and, as the palm of a gripper, the link that they branch from."""
+    names, above = ends(description), {joint.child: joint for joint in description.joints}
+    paths = [[name] for name in names]
+    for path in paths:
+        while path[-1] in above:
+            path.append(above[path[-1]].parent)
+    common = [link for link in paths[0] if all(link in path for path in paths)]  # from there to the root
+    moving = any(above[link].kind != "fixed" for link in common if link in above)
+    return f"its ends: {', '.join(names)}" + (f"; they branch from {common[0]}" if moving else "")
+
+
 def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     """Choose the chain and the initial posture of an arm.
 
@@ -137,7 +149,7 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     if tip is None:
         end_links = ends(description)
         if len(end_links) != 1:
-            message = f"name the link of {file} that holds the target; its ends: {', '.join(end_links)}"
+            message = f"name the link of {file} that holds the target; {tips_words(description)}"
             raise ScenarioError(message, where="--tip")
         link = end_links[0]
     else:

@@ -34,8 +34,9 @@ from spacerobot.common.files import StrPath
 from spacerobot.description.parts import UrdfJoint, UrdfLink
 from spacerobot.description.write import urdf_xml
 from spacerobot.drafting.arms import DraftArm, as_name, read, scene_of
-from spacerobot.drafting.held import DraftRequest, held_scene, mating_frames
+from spacerobot.drafting.held import held_scene, mating_frames
 from spacerobot.drafting.numbers import SPAN, DraftNumbers, payload_of, short
+from spacerobot.drafting.request import DraftRequest
 from spacerobot.drafting.spacecraft import Spacecraft, spacecraft
 from spacerobot.drafting.text import flow, guidance_lines, guidance_variables, joint_lines
 from spacerobot.scenario.document import parse_yaml
@@ -53,6 +54,19 @@ ENVELOPE = 1.5
 the envelope, at a fifth of the distance from the standoff, at 0.73 of the peak."""
 TORQUE = 1e-3
 """Maximum weight of torques in a plan, relative to that of joint accelerations."""
+
+
+def required_limits(arm: DraftArm, scene: Scene) -> Document:
+    """Section ``limits`` of a plan: the limits that every joint of the chain has in the URDF."""
+    joints = [joint for joint in arm.chain if joint.name in arm.joints]
+    config = scene.bodies[0].config.joints
+    limited = {
+        "position": (j.kind == "continuous" or np.isfinite([j.lower, j.upper]).all() for j in joints),
+        "rate": (np.isfinite(j.velocity) for j in joints),
+        "torque": (config[j.name].torque_limit is not None for j in joints),
+    }
+    required = [quantity for quantity, each in limited.items() if all(each)]
+    return {"urdf": required} if required else {}
 
 
 def plan_costs(duration_s: float, dampings: Sequence[float]) -> Document:
@@ -283,6 +297,7 @@ class CaptureGeometry:
         floating = self.bare["robots"][arm.name]["base"]["joint"] != "fixed"
         costs = plan_costs(until, [joint.damping for joint in arm.chain if joint.name in arm.joints])
         costs |= {"base_rotation": 1} if floating else {}
+        limits = required_limits(arm, self.held) | craft.plan_limits
         brake = {"kind": "brake", "deceleration": 0.01, "spin_deceleration_deg": 0.5}
         approach = {"tips": {arm.tip_name: {"reference": reference}}}
         stop: Document = {"controllers": {"guidance": {"payload_fraction": 1}}}
@@ -330,7 +345,7 @@ class CaptureGeometry:
             f"  duration: {until:.3g}",
             f"  goals: {{{name}: {flow(goal)}}}",
             f"  costs: {flow(costs)}",
-            f"  limits: {flow({'urdf': ['position', 'rate', 'torque'], **craft.plan_limits})}",
+            f"  limits: {flow(limits)}",
             "  intervals: 8",
             "",
             f"# Variables of tuning: {1 / SPAN:g} to {SPAN:g} the values above (docs/how_to/tune.md)",

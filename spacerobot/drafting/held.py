@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,20 @@ import pinocchio as pin
 from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.common.files import StrPath
 from spacerobot.description.read import Description
-from spacerobot.drafting.arms import DraftArm, RobotFiles, as_name, ends, make_arm, read, scene_of, stand_in
+from spacerobot.drafting.arms import (
+    DraftArm,
+    RobotFiles,
+    as_name,
+    ends,
+    make_arm,
+    read,
+    scene_of,
+    stand_in,
+    tips_words,
+)
 from spacerobot.drafting.mounts import equipped, read_mounts
 from spacerobot.drafting.numbers import DraftNumbers, payload_of
+from spacerobot.drafting.request import DraftRequest
 from spacerobot.drafting.text import DraftText, text_of
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.paths import Document
@@ -24,33 +35,6 @@ from spacerobot.scene import Scene
 from spacerobot.scene.overlaps import overlaps
 
 BASES = ("free_flyer", "planar", "fixed")
-
-
-@dataclass(frozen=True)
-class DraftRequest:
-    """Request for a draft of a scenario.
-
-    Attributes:
-        robots, target: URDF files, or names of shipped ones.
-        tips: Tip link of each robot, or one name for all; chosen automatically if empty.
-        frames: Mating frame of the target for each robot; chosen automatically if empty.
-        base: Joint of the bases; if None, ``planar`` if every robot is planar, else ``free_flyer``.
-        bus, mounts: URDF of a spacecraft, in place of ``robots``, and its arms in the form of
-            :func:`read_mounts`. The first arm holds the target; the joints of the others are locked.
-        include: Equipment of the spacecraft for a capture: ``wheels``, ``thrusters``, ``filters``.
-        point: For a capture, in place of ``frames``: point of the target's surface, in the frame of its root
-            link (3,) [m].
-    """
-
-    robots: Sequence[str]
-    target: str
-    tips: Sequence[str] = ()
-    frames: Sequence[str] = ()
-    base: str | None = None
-    bus: str | None = None
-    mounts: Sequence[str] = ()
-    include: Sequence[str] = ()
-    point: Sequence[float] | None = None
 
 
 def draft_scenario(
@@ -212,7 +196,7 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
         if tip is None and len(ends(first.description)) == 1:
             (tip,) = ends(first.description)
         if tip not in links:
-            hint = near_names(tip, links) if tip else f"its ends: {', '.join(ends(first.description))}"
+            hint = near_names(tip, links) if tip else tips_words(first.description)
             problem = f"no link {tip!r} in" if tip else "name the link of"
             raise ScenarioError(f"{problem} {first.description.path.name}; {hint}", where="--tip")
         sections = {mount.name: mount.section() for mount in mounts}

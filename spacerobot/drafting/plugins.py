@@ -9,6 +9,7 @@ from pathlib import Path
 
 from spacerobot.common.errors import ScenarioError, SpaceRobotError, near_names
 from spacerobot.common.files import StrPath, write_text
+from spacerobot.drafting.request import check_absence
 
 TEMPLATES = {
     "sensor": "thermal",
@@ -56,8 +57,7 @@ def draft_plugin(family: str, file: StrPath) -> PluginDraft:
         raise ScenarioError(f"found {str(file)!r}, allowed: a Python file, {file.stem}.py", where="--out")
     text, test = plugin_template(family, file), plugin_test_file(file)
     for each in (file, test):
-        if each.exists():
-            raise ScenarioError("exists already; name another file by --out", source=each)
+        check_absence(each)
     write_text(file, text)
     write_text(test, plugin_test(family, file))
     return PluginDraft(file, test, plugin_command(text))

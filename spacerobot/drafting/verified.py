@@ -26,7 +26,8 @@ from spacerobot.common.files import StrPath, write_text
 from spacerobot.common.tables import Content
 from spacerobot.common.tabular import Tabular
 from spacerobot.drafting.capture import CaptureGeometry, surface_point
-from spacerobot.drafting.held import DraftRequest, draft_scenario
+from spacerobot.drafting.held import draft_scenario
+from spacerobot.drafting.request import DraftRequest, check_absence
 from spacerobot.linear.instants import Instant, instants
 from spacerobot.result import Result
 from spacerobot.result.missed_captures import SHOWN, envelope_quantities
@@ -81,7 +82,7 @@ class Draft(Tabular):
             ScenarioError: If the file exists.
             ResultError: If it cannot be written.
         """
-        _check_absence(self.file)
+        check_absence(self.file)
         write_text(self.file, self.text)
         return self.file
 
@@ -148,10 +149,7 @@ def draft(
     """
     if not isinstance(request, DraftRequest):
         raise ScenarioError(f"found {type(request).__name__}, allowed: a DraftRequest", where="request")
-    if not (request.robots or request.bus):
-        raise ScenarioError("found none, allowed: --robot, or --bus with --mount", where="--robot")
-    place = Path(f"{Path(request.bus or request.robots[0]).stem}.yaml" if file is None else file)
-    _check_absence(place)
+    place = request.check_files(file)
     tell = progress or (lambda _: None)
     if request.point is None:
         return _verified(request, place, tell, capture=capture, simulate=simulate)
@@ -159,23 +157,13 @@ def draft(
         message = "needs --capture; a scenario that begins with a grasp needs a mating frame"
         raise ScenarioError(message, where="--point")
     request, urdf, text = surface_point(request, place)
-    _check_absence(urdf)
+    check_absence(urdf)
     write_text(urdf, text)
     with contextlib.ExitStack() as failure:
         failure.callback(urdf.unlink, missing_ok=True)
         drafted = _verified(request, place, tell, capture=True, simulate=simulate)
         failure.pop_all()
     return drafted
-
-
-def _check_absence(file: Path) -> None:
-    """Check that a file does not exist.
-
-    Raises:
-        ScenarioError: If it exists.
-    """
-    if file.exists():
-        raise ScenarioError("exists already; name another file by --out", source=file)
 
 
 def _verified(request: DraftRequest, place: Path, tell: Progress, *, capture: bool, simulate: bool) -> Draft:

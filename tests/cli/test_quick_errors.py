@@ -60,6 +60,14 @@ def attempt(*arguments, folder):
         (("export", "papper", "paper.csv"), "did you mean paper?"),
         (("compare", "paper", "--methods", "nlpp"), "no method 'nlpp'"),
         (("tune", "paper", "--method", "nlpp"), "no method 'nlpp'"),
+        (
+            ("new", "--capture", "--robot", "arms/panda.urdf", "--target", "satellite_box.urdf"),
+            "arms/panda.urdf: no such URDF file in ",
+        ),
+        (
+            ("new", "--robot", "panda_arm.urdf", "--target", "ball.urdf", "--out", "broken.yaml"),
+            "broken.yaml: exists already; name another file by --out",
+        ),
         (("export", "plant", "papper", "--out", "paper.fmu"), "did you mean paper?"),
     ],
     ids=lambda one: " ".join(one) if isinstance(one, tuple) else None,

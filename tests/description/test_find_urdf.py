@@ -49,7 +49,13 @@ def test_a_users_file_comes_before_a_shipped_one(tmp_path: Path) -> None:
         ("rectangel", "rectangel: no such URDF file.*did you mean rectangle.urdf"),
         ("rectangel.urdf", "did you mean rectangle.urdf"),
         ("/rectangle.urdf", "^/rectangle.urdf: no such URDF file.*did you mean rectangle.urdf"),
-        ("sub/rectangle.urdf", "no such URDF file"),
+        ("sub/rectangle.urdf", "no such URDF file.*did you mean rectangle.urdf"),
+        (
+            "data/arm/model.urdf",
+            "no such URDF file.*; there is no folder data/arm$",
+        ),
+        ("arms/my_amr.urdf", "no such URDF file.*; did you mean arms/my_arm.urdf"),
+        ("arms/panda.urdf", "no such URDF file.*; (did you mean panda_arm.urdf|check the path)"),
         ("../urdf/rectangle.urdf", "no such URDF file"),
         ("", "allowed: ball.urdf"),
         (".", "allowed: ball.urdf"),
@@ -59,7 +65,9 @@ def test_a_users_file_comes_before_a_shipped_one(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_not_found_lists_near_names(name: str, message: str, tmp_path: Path) -> None:
-    for relative_to in (None, tmp_path):
+    (tmp_path / "arms").mkdir()
+    (tmp_path / "arms" / "my_arm.urdf").touch()
+    for relative_to in (tmp_path,) if "/my_" in name else (None, tmp_path):
         with pytest.raises(DescriptionError, match=message):
             find_urdf(name, relative_to)
 

@@ -65,6 +65,18 @@ def test_the_payload_is_the_object_where_it_is_mated(tmp_path, order):
     np.testing.assert_allclose(about[:3], np.diag(inertia.inertia), rtol=2e-3, atol=1e-3)
 
 
+def test_a_plan_requires_only_limits_that_the_urdf_has(tmp_path):
+    """With an effort limit of zero, which counts as none, the drafted plan can be solved."""
+    arm = tmp_path / "weak.urdf"
+    text = find_urdf("short_arm.urdf").read_text(encoding="utf-8")
+    arm.write_text(text.replace('effort="1000"', 'effort="0"'))
+    scene = drafted(dataclasses.replace(FLAT, robots=[str(arm)]), tmp_path / "weak.yaml")
+    assert scene.scenario.plan.limits["urdf"].required == ("position", "rate")
+    assert not make_plan(scene, backend="interpreted").verification.failures()
+    complete = drafted(FLAT, tmp_path / "complete.yaml")
+    assert complete.scenario.plan.limits["urdf"].required == ("position", "rate", "torque")
+
+
 def test_slower_drafts_take_longer_at_lower_gains(tmp_path):
     from spacerobot.drafting.capture import CaptureGeometry
 

@@ -78,7 +78,7 @@ def test_a_flange_on_the_last_joint_holds_the_target_away_from_the_arm(link, tmp
         ({"frames": ["mate1"]}, "--frame: no link 'mate1' in rectangle.urdf; did you mean mate_1"),
         ({"robots": ["planer_arm.urdf"]}, "did you mean planar_arm.urdf"),
         ({"robots": ["planar_arm.urdf"] * 3}, "one link of rectangle.urdf for each of the 3 robots"),
-        ({"robots": ["servicer.urdf"]}, "its ends: left_tip, right_tip"),
+        ({"robots": ["servicer.urdf"]}, "its ends: left_tip, right_tip"),  # from the base, which is no palm
         ({"base": "planr"}, "--base: found 'planr'; did you mean planar"),
     ],
 )
@@ -86,6 +86,21 @@ def test_what_cannot_be_drafted_is_refused_by_name(tmp_path, change, words):
     with pytest.raises(SpaceRobotError) as refused:
         draft_scenario(dataclasses.replace(PLANAR, **change), tmp_path / "x.yaml")
     assert words in str(refused.value)
+
+
+def test_the_message_on_several_ends_names_the_palm_that_they_branch_from(tmp_path):
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    inertial = f'<inertial><mass value="1"/>{inertia}</inertial>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in ("base", "palm", "left", "right"))
+    joints = "".join(
+        f'<joint name="j{child}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for parent, child in (("base", "palm"), ("palm", "left"), ("palm", "right"))
+    )
+    hand = tmp_path / "hand.urdf"
+    hand.write_text(f'<robot name="hand">{links}{joints}</robot>')
+    with pytest.raises(SpaceRobotError, match=r"its ends: left, right; they branch from palm$"):
+        draft_scenario(dataclasses.replace(PLANAR, robots=[str(hand)]), tmp_path / "x.yaml")
 
 
 def test_messages_list_every_link(tmp_path):

@@ -153,6 +153,7 @@ def command(
         parts(include) or (),
         None if point is None else _coordinates(point),
     )
+    request.check_files(out)  # before the packages of a draft are imported
     with progress("drafting") as tell:
         drafted = sr.draft(request, out, capture=capture, simulate=simulate, progress=tell)
     file = drafted.save()

@@ -1,0 +1,13 @@
+from spacerobot.description.find import find_urdf as find_urdf
+from spacerobot.description.find import shipped_names as shipped_names
+from spacerobot.description.find import shipped_urdf_folder as shipped_urdf_folder
+from spacerobot.description.parts import Geometry as Geometry
+from spacerobot.description.parts import LinkShape as LinkShape
+from spacerobot.description.parts import UrdfJoint as UrdfJoint
+from spacerobot.description.parts import UrdfLink as UrdfLink
+from spacerobot.description.planar import PlanarBase as PlanarBase
+from spacerobot.description.planar import PlanarLink as PlanarLink
+from spacerobot.description.planar import planar_arm_urdf as planar_arm_urdf
+from spacerobot.description.planar import rectangle_urdf as rectangle_urdf
+from spacerobot.description.read import Description as Description
+from spacerobot.description.read import read_description as read_description
