@@ -29,6 +29,7 @@ ROUND_DEG = 5.0
 BUS, BUS_DENSITY = 20.0, 300.0
 """Mass of an assumed spacecraft relative to that of its arm, and its density [kg/m^3]."""
 SHORTEST = 0.03  # minimum length of the last part of an arm [m]
+GENERIC = ("model", "robot", "urdf")  # names of files that do not name a robot
 MOVES = 1e-3  # minimum singular value of a regular tip Jacobian, with lengths relative to the reach
 
 
@@ -113,6 +114,12 @@ def as_name(text: str, used_names: Sequence[str] = ()) -> str:
     name = (re.sub(r"[^\w-]", "_", text, flags=re.ASCII).lstrip("0123456789-") or "robot")[:60]
     used_names = (*used_names, "target")
     return next(n for n in (name, *(f"{name}_{i}" for i in range(2, 99))) if n not in used_names)
+
+
+def name_of(description: Description, used_names: Sequence[str] = ()) -> str:
+    """Name of a robot in a scenario: its file's, or the URDF's own if that of the file is generic."""
+    stem = description.path.stem
+    return as_name(description.name if stem.lower() in GENERIC else stem, used_names)
 
 
 def ends(description: Description) -> list[str]:

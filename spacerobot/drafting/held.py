@@ -17,9 +17,9 @@ from spacerobot.description.read import Description
 from spacerobot.drafting.arms import (
     DraftArm,
     RobotFiles,
-    as_name,
     ends,
     make_arm,
+    name_of,
     read,
     scene_of,
     stand_in,
@@ -201,7 +201,7 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
             raise ScenarioError(f"{problem} {first.description.path.name}; {hint}", where="--tip")
         sections = {mount.name: mount.section() for mount in mounts}
         files = RobotFiles(urdf, equipped(bus, mounts), sections, source)
-        return [make_arm(as_name(bus.path.stem), files, f"{first.name}_{tip}")]
+        return [make_arm(name_of(bus), files, f"{first.name}_{tip}")]
     if order.mounts:
         raise ScenarioError("found --mount without --bus, allowed: both", where="--mount")
     if len(order.tips) > 1 and len(order.tips) != len(order.robots):
@@ -215,7 +215,7 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
     arms: list[DraftArm] = []
     for robot, tip in zip(order.robots, tips, strict=True):
         urdf, description = read(robot, source.parent)
-        name = as_name(description.path.stem, [arm.name for arm in arms])
+        name = name_of(description, [arm.name for arm in arms])
         arms.append(make_arm(name, RobotFiles(urdf, description, {}, source), tip))
     return arms
 

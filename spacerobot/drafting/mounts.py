@@ -12,7 +12,7 @@ import pinocchio as pin
 from spacerobot.common.errors import ScenarioError
 from spacerobot.description.mount import mounted
 from spacerobot.description.read import Description
-from spacerobot.drafting.arms import as_name, read
+from spacerobot.drafting.arms import as_name, name_of, read
 from spacerobot.scenario.paths import Document
 
 FORM = "[NAME=]URDF[@x,y,z[,roll,pitch,yaw]]"
@@ -71,7 +71,7 @@ def read_mounts(texts: Sequence[str], folder: Path) -> list[DraftMount]:
                 f"found {name!r}, allowed: a name of letters and digits that no other mount has",
                 where="--mount",
             )
-        prefix = name if named else as_name(description.path.stem, mount_names)
+        prefix = name if named else name_of(description, mount_names)
         x, y, z, roll, pitch, yaw = [*values, *[0.0] * (6 - len(values))]
         mounts.append(DraftMount(prefix, path, description, (x, y, z), (roll, pitch, yaw)))
     if not mounts:

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 from spacerobot.common.errors import SpaceRobotError
+from spacerobot.description.find import find_urdf
 from spacerobot.drafting import DraftRequest, draft_scenario
 from spacerobot.scene import load_scene
 from spacerobot.scene.overlaps import overlaps
@@ -86,6 +87,15 @@ def test_what_cannot_be_drafted_is_refused_by_name(tmp_path, change, words):
     with pytest.raises(SpaceRobotError) as refused:
         draft_scenario(dataclasses.replace(PLANAR, **change), tmp_path / "x.yaml")
     assert words in str(refused.value)
+
+
+def test_a_robot_in_a_file_of_a_generic_name_has_the_name_of_the_urdf(tmp_path):
+    (tmp_path / "model.urdf").write_text(find_urdf("short_arm.urdf").read_text(encoding="utf-8"))
+    (tmp_path / "mine.urdf").write_text(find_urdf("short_arm.urdf").read_text(encoding="utf-8"))
+    for file, name in (("model.urdf", "short_arm"), ("mine.urdf", "mine")):
+        request = dataclasses.replace(PLANAR, robots=[str(tmp_path / file)])
+        _, scene = draft_scenario(request, tmp_path / "x.yaml")
+        assert [robot.name for robot in scene.robots] == [name]
 
 
 def test_the_message_on_several_ends_names_the_palm_that_they_branch_from(tmp_path):
