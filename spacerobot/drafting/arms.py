@@ -128,16 +128,31 @@ def ends(description: Description) -> list[str]:
     return [link.name for link in description.links if link.name not in parents]
 
 
+def moving_ends(description: Description) -> list[str]:
+    """Names of the end links that a joint moves; all end links if none does."""
+    paths = _paths(description)
+    kinds = {joint.child: joint.kind for joint in description.joints}
+    moving = [end for end, path in paths.items() if any(kinds.get(link, "fixed") != "fixed" for link in path)]
+    return moving or [*paths]
+
+
 def tips_words(description: Description) -> str:
     """Possible tips in words: the end links and, as the palm of a gripper, the link that they branch from."""
-    names, above = ends(description), {joint.child: joint for joint in description.joints}
-    paths = [[name] for name in names]
-    for path in paths:
-        while path[-1] in above:
-            path.append(above[path[-1]].parent)
-    common = [link for link in paths[0] if all(link in path for path in paths)]  # from there to the root
-    moving = any(above[link].kind != "fixed" for link in common if link in above)
+    names, paths = moving_ends(description), _paths(description)
+    kinds = {joint.child: joint.kind for joint in description.joints}
+    common = [link for link in paths[names[0]] if all(link in paths[name] for name in names)]
+    moving = any(kinds.get(link, "fixed") != "fixed" for link in common)
     return f"its ends: {', '.join(names)}" + (f"; they branch from {common[0]}" if moving else "")
+
+
+def _paths(description: Description) -> dict[str, list[str]]:
+    """Links from each end link to the root."""
+    parents = {joint.child: joint.parent for joint in description.joints}
+    paths = {end: [end] for end in ends(description)}
+    for path in paths.values():
+        while path[-1] in parents:
+            path.append(parents[path[-1]])
+    return paths
 
 
 def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
@@ -146,7 +161,7 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     Args:
         name: Name of the robot in the scenario.
         files: URDFs of the robot.
-        tip: Link that holds the target; the end of the chain, if there is only one, if None.
+        tip: Link that holds the target; if None, the only end link that a joint moves.
 
     Raises:
         ScenarioError, DescriptionError: If there is no such tip, or the robot cannot be simulated.
@@ -154,7 +169,7 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     description = files.description
     file = description.path.name
     if tip is None:
-        end_links = ends(description)
+        end_links = moving_ends(description)
         if len(end_links) != 1:
             message = f"name the link of {file} that holds the target; {tips_words(description)}"
             raise ScenarioError(message, where="--tip")

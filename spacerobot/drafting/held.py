@@ -19,6 +19,7 @@ from spacerobot.drafting.arms import (
     RobotFiles,
     ends,
     make_arm,
+    moving_ends,
     name_of,
     read,
     scene_of,
@@ -193,8 +194,8 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
         first = mounts[0]
         links = [link.name for link in first.description.links]
         tip = order.tips[0].removeprefix(f"{first.name}_") if order.tips else None
-        if tip is None and len(ends(first.description)) == 1:
-            (tip,) = ends(first.description)
+        if tip is None and len(moving_ends(first.description)) == 1:
+            (tip,) = moving_ends(first.description)
         if tip not in links:
             hint = near_names(tip, links) if tip else tips_words(first.description)
             problem = f"no link {tip!r} in" if tip else "name the link of"

@@ -98,6 +98,15 @@ def test_a_robot_in_a_file_of_a_generic_name_has_the_name_of_the_urdf(tmp_path):
         assert [robot.name for robot in scene.robots] == [name]
 
 
+def test_panels_that_are_fixed_to_the_base_are_no_tips(tmp_path):
+    arm = find_urdf("short_arm.urdf").read_text(encoding="utf-8")
+    joint = '<joint name="hold" type="fixed"><parent link="base"/><child link="panel"/></joint>'
+    file = tmp_path / "with_panel.urdf"
+    file.write_text(arm.replace("</robot>", f'<link name="panel"/>{joint}</robot>'))
+    _, scene = draft_scenario(dataclasses.replace(PLANAR, robots=[str(file)]), tmp_path / "x.yaml")
+    assert [tip.label for tip in scene.tips] == ["with_panel/tip"]
+
+
 def test_the_message_on_several_ends_names_the_palm_that_they_branch_from(tmp_path):
     inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     inertial = f'<inertial><mass value="1"/>{inertia}</inertial>'
