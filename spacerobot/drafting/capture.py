@@ -38,7 +38,7 @@ from spacerobot.drafting.held import held_scene, mating_frames
 from spacerobot.drafting.numbers import SPAN, DraftNumbers, payload_of, short
 from spacerobot.drafting.request import DraftRequest
 from spacerobot.drafting.spacecraft import Spacecraft, spacecraft
-from spacerobot.drafting.text import flow, guidance_lines, guidance_variables, joint_lines
+from spacerobot.drafting.text import flow, guidance_lines, guidance_variables, joint_lines, target_lines
 from spacerobot.scenario.document import parse_yaml
 from spacerobot.scenario.paths import Document
 from spacerobot.scene import Scene
@@ -311,7 +311,7 @@ class CaptureGeometry:
             *self._robot(gain),
             "",
             "target:",
-            f"  urdf: {flow(self.bare['target']['urdf'])}",
+            *target_lines(self.bare["target"]),
             "  # The pose at which the arm would hold the object, moved away along the axis of approach so",
             "  # far that no joint moves by more than about 0.3 rad. The object drifts by a tenth of this",
             "  # distance until the tip arrives.",

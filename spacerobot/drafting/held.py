@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from spacerobot.common.errors import ScenarioError, near_names
 from spacerobot.common.files import StrPath
+from spacerobot.description.parts import UrdfJoint
 from spacerobot.description.read import Description
 from spacerobot.drafting.arms import (
     DraftArm,
@@ -102,7 +103,10 @@ def held_scene(
         arms = [replace(arm, turns=False) for arm in arms]  # planar arms cannot rotate about every axis
     object_base = "planar" if planar and base != "free_flyer" else "free_flyer"
     object_mass = sum(link.mass for link in description.links)
-    placed = partial(_placed, frames=frames, bases=(base, object_base, urdf), object_mass=object_mass)
+    locked = {joint.name: locked_section(joint) for joint in description.joints if joint.kind != "fixed"}
+    target: Document = {"urdf": urdf, "base": {"joint": object_base}}
+    target |= {"joints": locked} if locked else {}
+    placed = partial(_placed, frames=frames, base=base, target=target, object_mass=object_mass)
     tell("placing the object")
     bare, scene = placed(arms, source=source)
     if len(arms) == 1 and overlaps(scene):
@@ -115,6 +119,16 @@ def held_scene(
             if not overlaps(clear_scene):
                 return [clear], there, clear_scene
     return arms, bare, scene
+
+
+def locked_section(joint: UrdfJoint) -> Document:
+    """Section of a joint that is locked at zero, or in the middle of a range that does not include zero."""
+    if joint.mimic is not None or joint.lower <= 0 <= joint.upper:
+        return {"locked": True}
+    middle = (joint.lower + joint.upper) / 2
+    if joint.kind == "prismatic":
+        return {"offset": middle, "locked": True}
+    return {"angle_deg": float(np.degrees(middle)), "locked": True}
 
 
 def mating_frames(order: DraftRequest, target: Description) -> list[str]:
@@ -147,18 +161,19 @@ def mating_frames(order: DraftRequest, target: Description) -> list[str]:
 def _placed(
     arms: Sequence[DraftArm],
     frames: Sequence[str],
-    bases: tuple[str, str, str],
+    base: str,
+    target: Document,
     object_mass: float,
     source: Path,
 ) -> tuple[Document, Scene]:
     """Scenario without gains, and its scene, the target rotated about the first tip, away from the arm."""
-    bare = _document(arms, frames, bases, object_mass)
+    bare = _document(arms, frames, base, target, object_mass)
     scene = scene_of(bare, source)
     # orientation of the target, in steps of 90 degrees about the tip, in which it is farthest from that arm
     data = scene.model.createData()
     pin.framesForwardKinematics(scene.model, data, scene.q)
-    grasp, target = scene.grasps[0], scene.bodies[-1]
-    tip, root = data.oMf[grasp.tip.frame], data.oMf[target.root_frame]
+    grasp = scene.grasps[0]
+    tip, root = data.oMf[grasp.tip.frame], data.oMf[scene.bodies[-1].root_frame]
     held = root.actInv(data.oMf[grasp.frame])
     robot = grasp.tip.body
     origins = [data.oMi[joint].translation for joint in robot.joints]
@@ -222,16 +237,16 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
 
 
 def _document(
-    arms: Sequence[DraftArm], frames: Sequence[str], placed: tuple[str, str, str], object_mass: float
+    arms: Sequence[DraftArm], frames: Sequence[str], base: str, target: Document, object_mass: float
 ) -> Document:
     """Scenario without gains.
 
     Args:
         arms, frames: The arms and their mating frames.
-        placed: Joints of the bases and of the target, and URDF of the target.
+        base: Joint of the bases.
+        target: Section of the target, which will be placed by the first grasp.
         object_mass: Mass of the target [kg].
     """
-    base, object_base, urdf = placed
     robots, grasps = dict[str, Any](), dict[str, Any]()
     for i, (arm, frame) in enumerate(zip(arms, frames, strict=True)):
         grasp = "hold" if len(arms) == 1 else f"hold_{i + 1}"
@@ -251,5 +266,5 @@ def _document(
             robots[arm.name]["links"] = {arm.files.description.root: bus}
         robots[arm.name]["tips"] = {arm.tip_name: tip}
         grasps[grasp] = {"tip": f"{arm.name}/{arm.tip_name}", "frame": frame, "kind": "weld"}
-    target = {"urdf": urdf, "base": {"joint": object_base, "close_grasp": next(iter(grasps))}}
+    target = target | {"base": target["base"] | {"close_grasp": next(iter(grasps))}}
     return {"name": "draft", "robots": robots, "target": target, "grasps": grasps}

@@ -68,7 +68,7 @@ def text_of(draft: DraftText) -> str:
     lines += [
         "",
         "target:",
-        f"  urdf: {flow(bare['target']['urdf'])}",
+        *target_lines(bare["target"]),
         f"  base: {flow(bare['target']['base'])}   # placed so that this grasp closes",
         "  # The line leads away from the arm. It moves no joint by more than about 0.3 rad, and the object",
         "  # by at most a tenth of the distance from base to tip. No joint moves faster than about a tenth",
@@ -113,6 +113,17 @@ def joint_lines(arm: DraftArm, bare: Document) -> list[str]:
     if locked:
         lines.append("      # these joints are not between base and tip and are locked")
         lines += [f"      {flow(name)}: {flow(state)}" for name, state in locked.items()]
+    return lines
+
+
+def target_lines(target: Document) -> list[str]:
+    """Lines of the target's section before its base: URDF, and joints."""
+    lines = [f"  urdf: {flow(target['urdf'])}"]
+    if target.get("joints"):
+        lines += [
+            "  joints:   # without a controller they would move freely, so they are locked",
+            *(f"    {flow(name)}: {flow(state)}" for name, state in target["joints"].items()),
+        ]
     return lines
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.description.find import find_urdf
-from spacerobot.drafting import DraftRequest, draft_scenario
+from spacerobot.drafting import DraftRequest, draft_capture, draft_scenario
 from spacerobot.scene import load_scene
 from spacerobot.scene.overlaps import overlaps
 from spacerobot.simulation import simulate
@@ -149,3 +149,25 @@ def test_progress_counts_the_postures_that_are_compared(tmp_path, monkeypatch):
     assert words[:2] == ["choosing a posture", "placing the object"]
     assert words[2].startswith("choosing a posture in which nothing overlaps: 1 of ")
     assert len(words) == 2 + int(words[-1].split()[-1])
+
+
+def test_joints_of_the_object_are_locked_in_their_range(tmp_path):
+    """They have no controller: an antenna would swing beyond its range."""
+    antenna = (
+        '<link name="dish"><inertial><mass value="2"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="hinge" type="revolute"><parent link="body"/><child link="dish"/><axis xyz="0 0 1"/>'
+        '<limit lower="0.5" upper="1" effort="1" velocity="1"/></joint>'
+        '<joint name="free" type="continuous"><parent link="body"/><child link="wheel"/></joint>'
+        '<link name="wheel"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    file = tmp_path / "object.urdf"
+    text = find_urdf("rectangle.urdf").read_text(encoding="utf-8")
+    file.write_text(text.replace("</robot>", f"{antenna}</robot>"))
+    request = dataclasses.replace(PLANAR, target=str(file), frames=["mate_1"])
+    for write in (draft_scenario, draft_capture):
+        text, scene = write(request, tmp_path / "x.yaml")
+        assert f"hinge: {{angle_deg: {np.degrees(0.75):g}, locked: true}}" in text
+        assert "free: {locked: true}" in text
+        assert not [name for name in scene.model.names if "hinge" in name or "free" in name]
