@@ -18,9 +18,9 @@ import numpy as np
 
 from optim.problem.derived_loop import DerivedLoop, extend, tie
 from optim.problem.variables import Variables
+from spacerobot.closedloop.break_points import matching_points
 from spacerobot.common.arrays import Array
-from spacerobot.common.errors import DivergedError, ScenarioError, near_names
-from spacerobot.common.section import matching
+from spacerobot.common.errors import DivergedError, ScenarioError, SpaceRobotError
 from spacerobot.linear.instants import instants
 from spacerobot.linear.margin_gradients import MARGINS, MarginValue, ParametricLinearisation
 from spacerobot.rollout import Rollout, build_rollout, time_grid
@@ -196,10 +196,10 @@ def build_margin_terms(scene: Scene, free: Variables) -> MarginTerms | None:
     rows = list[MarginRow]()
     for i, one in enumerate(tuning.margins):
         where, break_points = f"tuning.margins.{i}", linear.lineariser.perturbed.inputs
-        named = matching(break_points, one.loops)
-        if not named:
-            message = f"no break point '{one.loops}', {near_names(one.loops, break_points)}"
-            raise scene.error(message, f"{where}.loops")
+        try:
+            named = matching_points(break_points, one.loops)
+        except SpaceRobotError as fault:
+            raise scene.error(fault.message, f"{where}.loops") from None
         margin_rows = [
             MarginRow(one, k, systems[k].label, name)
             for k in numbers[one.at]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 
 import numpy as np
 from scipy.optimize import minimize
@@ -18,6 +17,7 @@ from scipy.stats import qmc
 
 from optim.problem.scene_recipe import changed_scene, tuning_of
 from optim.problem.variables import variables_of
+from spacerobot.closedloop.break_points import matching_points
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DivergedError, ScenarioError, SpaceRobotError, near_names
 from spacerobot.common.files import StrPath
@@ -135,8 +135,8 @@ def worst_margins(
         except ScenarioError as fault:
             message = f"the {end} end of the range is not allowed: {fault.message}"
             raise scene.error(message, fault.where) from None
-    linear = ParametricLinearisation.of(scene, at, free.paths, backend, tell)
-    names = chosen_loops(linear, loops)
+    linear = ParametricLinearisation.of(scene, at, free.paths, backend, tell, loops)
+    names = matching_points(linear.lineariser.perturbed.inputs, loops)
     cases, count, size = list[WorstMargin](), 0, len(free)
     points = [np.clip(free.unit(free.start), 0, 1)]
     if size <= CORNERS:
@@ -187,16 +187,3 @@ def worst_margins(
             )
         )
     return WorstMargins(margin, MARGINS[margin], tuple(cases), count)
-
-
-def chosen_loops(linearisation: ParametricLinearisation, pattern: str) -> list[str]:
-    """Names of the break points that match a pattern.
-
-    Raises:
-        SpaceRobotError: If no break point matches.
-    """
-    break_points = linearisation.lineariser.perturbed.inputs
-    names = [name for name in break_points if fnmatchcase(name, pattern)]
-    if not names:
-        raise SpaceRobotError(f"no break point '{pattern}', {near_names(pattern, break_points)}")
-    return names

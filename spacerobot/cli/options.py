@@ -24,6 +24,17 @@ def reported_at(option: str) -> Iterator[None]:
         raise type(error)(error.message, where=option) from None
 
 
+@contextmanager
+def arguments_as_options(*names: str) -> Iterator[None]:
+    """Report errors at arguments of Python functions at the options of the same names."""
+    try:
+        yield
+    except SpaceRobotError as error:
+        if error.where not in names:
+            raise
+        raise type(error)(error.message, source=error.source, where=f"--{error.where}") from None
+
+
 def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
     """Parse texts ``path=value`` to pairs of dotted path and value.
 

@@ -8,6 +8,7 @@ the sensitivity ``1 / (1 + L)``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -21,7 +22,8 @@ from spacerobot.closedloop.impulse import masked
 from spacerobot.closedloop.initial_state import initial_state
 from spacerobot.closedloop.loop_builder import LoopBuilder
 from spacerobot.closedloop.plant import build_plant
-from spacerobot.common.section import numbers
+from spacerobot.common.errors import SpaceRobotError, near_names
+from spacerobot.common.section import matching, numbers
 from spacerobot.dynamics import configuration_derivative
 from spacerobot.elements import CommandedTorque, Contribution
 from spacerobot.elements.core.contribution import concatenate
@@ -32,6 +34,41 @@ from spacerobot.symbolic import Parameters, Plant
 TORQUE, MEASUREMENT, WHEEL = "torque", "measurement", "wheel"
 PLACES = (TORQUE, MEASUREMENT, WHEEL)
 """Points at which loops are opened; names of break points begin with these words."""
+
+
+def matching_points(names: Sequence[str], pattern: str) -> list[str]:
+    """Names of break points that match a pattern.
+
+    Args:
+        names: Names of all break points.
+        pattern: Pattern; ``*`` matches any characters.
+
+    Raises:
+        SpaceRobotError: If none matches; the message has similar names, or all of them in groups.
+    """
+    matches = matching(names, pattern)
+    if not matches:
+        raise SpaceRobotError(
+            f"no break point {pattern!r}; {near_names(pattern, grouped(names))}; `*` matches any characters",
+            where="loops",
+        )
+    return matches
+
+
+def grouped(names: Iterable[str]) -> list[str]:
+    """Names with those that differ only in their last number in one, as ``torque/arm/joint_1..7``."""
+    numbers_by_name: dict[tuple[str, str], list[int]] = {}
+    groups = []
+    for name in names:
+        numbered = re.fullmatch(r"(.*?)(\d+)(\D*)", name)
+        if numbered is None:
+            groups.append(name)
+        else:
+            numbers_by_name.setdefault((numbered[1], numbered[3]), []).append(int(numbered[2]))
+    for (first, last), found in numbers_by_name.items():
+        span = f"{min(found)}..{max(found)}" if len(found) > 1 else f"{found[0]}"
+        groups.append(f"{first}{span}{last}")
+    return groups
 
 
 @dataclass(frozen=True)

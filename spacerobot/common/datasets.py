@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from spacerobot.common.errors import ResultError
 from spacerobot.common.files import StrPath, staged
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def write_dataset(data: xr.Dataset, path: StrPath) -> None:
@@ -32,6 +34,8 @@ def read_dataset(path: StrPath) -> xr.Dataset:
     Raises:
         ResultError: If it cannot be read.
     """
+    import xarray as xr
+
     source = Path(path)
     try:
         with xr.open_dataset(source, engine="netcdf4") as stored:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from spacerobot.common.arrays import Array
 from spacerobot.elements.references.knot_motion import nodes_of, slices_of
 from spacerobot.elements.references.plan_file import parted, points_of
 from spacerobot.flightcode.c_text import comment_text, number_literal
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 TABLES = {
     "joint_position": "positions of joints [rad or m]",

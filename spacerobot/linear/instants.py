@@ -43,6 +43,21 @@ def as_instants(at: InstantNames) -> list[float | str]:
     return [at] if isinstance(at, str | int | float | np.integer) else list(at)
 
 
+def check_times(duration_s: float, at: Iterable[float | str]) -> None:
+    """Check of times; names of events are ignored.
+
+    Args:
+        duration_s: Duration of the simulation [s].
+        at: Times [s], and kinds or names of events.
+
+    Raises:
+        ScenarioError: If a time lies outside the simulation.
+    """
+    for place in at:
+        if not isinstance(place, str) and not 0 <= place <= duration_s:
+            raise ScenarioError(f"found {place:g} s, allowed: from 0 to {duration_s:g} s", where="at")
+
+
 def check_instants(loop: ClosedLoop, duration_s: float, at: Iterable[float | str]) -> None:
     """Check of times and of names of events, before anything is simulated.
 
@@ -54,15 +69,13 @@ def check_instants(loop: ClosedLoop, duration_s: float, at: Iterable[float | str
     Raises:
         ScenarioError: If a time lies outside the simulation, or there is no such event.
     """
+    check_times(duration_s, at)
     kinds = dict.fromkeys(kind for rule in loop.events for kind in (rule.kind, rule.name))
     for place in at:
-        if isinstance(place, str):
-            if place not in kinds:
-                # names of a tip's own events, `robot/tip:path.to.number.passed`, are too long for a list
-                hint = near_names(place, [kind for kind in kinds if ":" not in kind])
-                raise ScenarioError(f"no event '{place}', {hint}", where="at")
-        elif not 0 <= place <= duration_s:
-            raise ScenarioError(f"found {place:g} s, allowed: from 0 to {duration_s:g} s", where="at")
+        if isinstance(place, str) and place not in kinds:
+            # names of a tip's own events, `robot/tip:path.to.number.passed`, are too long for a list
+            hint = near_names(place, [kind for kind in kinds if ":" not in kind])
+            raise ScenarioError(f"no event {place!r}; {hint}", where="at")
 
 
 def instants(rollout: Rollout, loop: ClosedLoop, at: Iterable[float | str]) -> Iterator[Instant]:

@@ -27,17 +27,23 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.closedloop import ClosedLoop, build_closed_loop
-from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_loop
+from spacerobot.closedloop.break_points import PerturbedLoop, build_perturbed_loop, matching_points
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import SpaceRobotError, near_names
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Content, Table
 from spacerobot.common.tabular import Tabular
 from spacerobot.linear.complex_step import evaluate
-from spacerobot.linear.instants import Instant, InstantNames, as_instants, check_instants, instants
+from spacerobot.linear.instants import (
+    Instant,
+    InstantNames,
+    as_instants,
+    check_instants,
+    check_times,
+    instants,
+)
 from spacerobot.linear.periodic import Matrices, PeriodicUpdate, beginning, occurrences, transition
 from spacerobot.rollout import Rollout
 from spacerobot.scene import Scene, to_scene
@@ -45,6 +51,7 @@ from spacerobot.simulation import Backend, Progress, prepare_simulation
 
 if TYPE_CHECKING:
     import control
+    import xarray as xr
 
 MOST_MODES = 6
 """Number of modes in a table, those with the smallest damping ratios."""
@@ -188,6 +195,8 @@ class LinearSystem(Tabular):
 
     def to_xarray(self) -> xr.Dataset:
         """Matrices with named rows and columns."""
+        import xarray as xr
+
         dims = {
             "A": ("state", "state_"),
             "B": ("state", "input"),
@@ -315,10 +324,7 @@ def linearise(
     tell = progress or (lambda _: None)
     tell("building the closed loop")
     at = as_instants(at)
-    lineariser = Lineariser.of(to_scene(scene), outputs, at=at)
-    rollout = lineariser.rollout(backend, tell)
-    tell("simulating and linearising")
-    return [lineariser.at(instant) for instant in instants(rollout, lineariser.loop, at)]
+    return Lineariser.of(to_scene(scene), outputs, at=at).systems(at, backend, tell)
 
 
 @dataclass(frozen=True)
@@ -336,6 +342,7 @@ class Lineariser:
         outputs: Iterable[str] = (),
         vary: Collection[str] = (),
         at: Iterable[float | str] = (),
+        loops: str | None = None,
     ) -> Lineariser:
         """Linearisation of a scene, with outputs of the simulation after the break points' signals.
 
@@ -344,18 +351,29 @@ class Lineariser:
             vary: Parameters that remain symbols although they are exactly zero.
             at: Instants at which the loop will be evaluated; wrong ones are reported before the break points
                 are built and anything is compiled.
+            loops: Pattern of break points that will be evaluated; checked if given.
 
         Raises:
-            SpaceRobotError: If there is no such output.
+            SpaceRobotError: If there is no such output, or no break point matches the pattern.
             ScenarioError: If an instant lies outside the simulation or names no event.
         """
+        check_times(scene.scenario.simulation.duration, at)
         loop, requested = build_closed_loop(scene, vary), tuple(outputs)
         check_instants(loop, scene.scenario.simulation.duration, at)
         names = [variable.name for variable in loop.variables]
         for name in requested:
             if name not in names:
                 raise SpaceRobotError(f"no output '{name}', {near_names(name, names)}")
-        return cls(scene, loop, build_perturbed_loop(scene, requested, vary))
+        perturbed = build_perturbed_loop(scene, requested, vary)
+        if loops is not None:
+            matching_points(perturbed.inputs, loops)
+        return cls(scene, loop, perturbed)
+
+    def systems(self, at: Iterable[float | str], backend: Backend, progress: Progress) -> list[LinearSystem]:
+        """Linearised closed loops at instants of the scene's simulation."""
+        rollout = self.rollout(backend, progress)
+        progress("simulating and linearising")
+        return [self.at(instant) for instant in instants(rollout, self.loop, at)]
 
     def rollout(self, backend: Backend, progress: Progress) -> Rollout:
         """Rollout of the closed loop, as in the scene's simulation."""

@@ -16,10 +16,9 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
-from scipy.optimize import brentq
 
 from spacerobot.common.arrays import Array
 from spacerobot.common.datasets import read_dataset, write_dataset
@@ -32,6 +31,9 @@ from spacerobot.linear.linearisation import RIGID, Lineariser, LinearSystem
 from spacerobot.linear.loop_response import loop_responses, response_slopes, responses
 from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 FILE = "margins.nc"
 """File with the margins, in the folder that ``spacerobot margins --out`` writes."""
@@ -139,6 +141,8 @@ class MarginAnalysis(Tabular):
         By instant: whether the loops are ``stable``, see :func:`is_destabilised`; ``growth_rate``, the real
         part of the fastest growing mode's pole, or zero; and ``zero_poles``, the number of poles at zero.
         """
+        import xarray as xr
+
         dims, rows = ("instant", "loop"), self.loops
         data = {
             name: xr.DataArray(
@@ -316,7 +320,7 @@ def margins(
         SpaceRobotError: If ``along`` is one, or larger than :data:`MAX_INSTANTS`.
     """
     if along != 0 and not 2 <= along <= MAX_INSTANTS:
-        raise SpaceRobotError(f"along: found {along:g}, allowed: 0, or from 2 to {MAX_INSTANTS}")
+        raise SpaceRobotError(f"found {along:g}, allowed: 0, or from 2 to {MAX_INSTANTS}", where="along")
     tell = progress or (lambda _: None)
     tell("building the closed loop")
     at = as_instants(at)
@@ -362,6 +366,8 @@ def loop_margins(system: LinearSystem, names: Iterable[str] | None = None) -> It
 
 def _margins(system: LinearSystem, name: str, omega: Array, response: Array) -> LoopMargins:
     """Margins of a loop; each is refined from the frequency response to its exact frequency."""
+    from scipy.optimize import brentq
+
     if not np.abs(response).max() > 0:
         return LoopMargins(name, np.inf, -np.inf, np.inf, np.inf, 2.0, np.nan)
     closed, place = system.closed(name), system.inputs.index(name)
@@ -429,6 +435,8 @@ def _second(pair: tuple[float, float]) -> float:
 
 def _roots(function: Callable[[float], float], omega: Array, values: Array) -> Iterator[float]:
     """Yield roots of a function between frequencies at which its values change sign."""
+    from scipy.optimize import brentq
+
     for i in np.flatnonzero(values[:-1] * values[1:] < 0):
         yield brentq(function, omega[i], omega[i + 1], xtol=1e-14 * omega[i], rtol=1e-13)
 

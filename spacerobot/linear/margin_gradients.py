@@ -74,20 +74,24 @@ class ParametricLinearisation:
         variables: Sequence[Sequence[str]],
         backend: Backend = "auto",
         progress: Progress | None = None,
+        loops: str | None = None,
     ) -> ParametricLinearisation:
         """Simulate a scene up to instants, and prepare its linearisation there.
 
         Args:
             scene, at, backend, progress: As for :func:`spacerobot.linearise`.
             variables: Dotted paths that each variable sets.
+            loops: Pattern of break points that will be evaluated; checked before the simulation if given.
 
         Raises:
             DivergedError, ScenarioError: As :func:`spacerobot.linearise`; if the closed loop does not depend
                 on a path.
+            SpaceRobotError: If no break point matches.
         """
         tell = progress or (lambda _: None)
         at = as_instants(at)
-        lineariser = Lineariser.of(scene, vary=[path for paths in variables for path in paths], at=at)
+        varied = [path for paths in variables for path in paths]
+        lineariser = Lineariser.of(scene, vary=varied, at=at, loops=loops)
         loop = lineariser.loop
         places = tuple(tuple(loop.index(path) for path in paths) for paths in variables)
         operating_points = tuple(instants(lineariser.rollout(backend, tell), loop, at))

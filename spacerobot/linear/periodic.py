@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-import scipy.linalg
 
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.closedloop.break_points import PerturbedLoop
@@ -157,6 +156,8 @@ def transition(
         continuous: A, B, C, D between events.
         begin_s, period_s: Start and length of the period [s].
     """
+    from scipy.linalg import expm
+
     A, B, C, D = continuous
     size, inputs = B.shape
     augmented = np.zeros((size + inputs,) * 2, dtype=A.dtype)
@@ -168,7 +169,7 @@ def transition(
         """Transition of state and input over a time without events."""
         key = round(np.real(length), 12) + 1j * np.imag(length)
         if key not in lengths:
-            lengths[key] = scipy.linalg.expm(augmented * length)[:size]
+            lengths[key] = expm(augmented * length)[:size]
         return lengths[key]
 
     pad = np.hstack([np.zeros((inputs, size)), np.eye(inputs)])

@@ -18,20 +18,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 
 import numpy as np
-from scipy.optimize import minimize
 
+from spacerobot.closedloop.break_points import matching_points
 from spacerobot.common.arrays import Array
-from spacerobot.common.errors import SpaceRobotError, near_names
+from spacerobot.common.errors import SpaceRobotError
 from spacerobot.common.files import StrPath
 from spacerobot.common.tables import Table
 from spacerobot.common.tabular import Tabular
-from spacerobot.linear.instants import InstantNames
-from spacerobot.linear.linearisation import LinearSystem, linearise
+from spacerobot.linear.instants import InstantNames, as_instants
+from spacerobot.linear.linearisation import Lineariser, LinearSystem
 from spacerobot.linear.loop_response import AT_ONCE, frequency_grid
-from spacerobot.scene import Scene
+from spacerobot.scene import Scene, to_scene
 from spacerobot.simulation import Backend, Progress
 
 SCHATTEN = (2, 8, 32)
@@ -91,7 +90,9 @@ def simultaneous_margins(
         ScenarioError: See :func:`spacerobot.linearise`.
         SpaceRobotError: If no loop matches, or the loops are not time-invariant together.
     """
-    systems = linearise(scene, at, backend=backend, progress=progress)
+    at = as_instants(at)
+    lineariser = Lineariser.of(to_scene(scene), at=at, loops=loops)
+    systems = lineariser.systems(at, backend, progress or (lambda _: None))
     return SimultaneousMargins(
         loops, {system.label: simultaneous_disk_margin(system, loops) for system in systems}
     )
@@ -110,9 +111,7 @@ def simultaneous_disk_margin(system: LinearSystem, loops: str = "torque/*") -> t
     Raises:
         SpaceRobotError: If no loop matches, or the loops are not time-invariant together.
     """
-    names = [name for name in system.inputs if fnmatchcase(name, loops)]
-    if not names:
-        raise SpaceRobotError(f"no break point '{loops}', {near_names(loops, system.inputs)}")
+    names = matching_points(system.inputs, loops)
     closed = [system.closed(name) for name in names]
     if any(one[0] is not closed[0][0] for one in closed):
         raise SpaceRobotError(f"{loops}: their signals are not held over the same periods")
@@ -165,6 +164,8 @@ def upper_bound(M: Array, x: Array, enough: float = 0.0) -> tuple[float, Array]:
         x: First logarithms of the diagonal.
         enough: Value below which the search ends.
     """
+    from scipy.optimize import minimize
+
     least, at = np.inf, x
 
     def norm(x: Array, p: float) -> tuple[float, Array]:
@@ -189,6 +190,7 @@ def upper_bound(M: Array, x: Array, enough: float = 0.0) -> tuple[float, Array]:
 
 def lower_bound(M: Array) -> float:
     """Maximum spectral radius ``rho(M U)`` from an ascent; U is a diagonal of numbers of modulus one."""
+    from scipy.optimize import minimize
 
     def radius(angles: Array) -> tuple[float, Array]:
         """Negative log of the radius, and gradient; d ln(lambda) / d angle_i = i conj(y_i) x_i / (y' x)."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.result.trust import KINDS
 from spacerobot.scenario import Scenario
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 VECTORS = {
     "tip": ("tip_position", "tip_velocity", "tip_reference", "tip_error", "tip_orientation_error"),

@@ -9,14 +9,18 @@ prismatic joints are m, m/s and N.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pinocchio as pin
-import xarray as xr
 
 from spacerobot.closedloop import ClosedLoop
 from spacerobot.common.arrays import Array
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 AXES = ("x", "y", "z")
 
@@ -29,6 +33,8 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
         trajectory: States and outputs over time.
         loop: Closed loop, which lists the output variables.
     """
+    import xarray as xr
+
     nq, nv, names = scene.model.nq, scene.model.nv, loop.state_names
     q, v, z = np.split(trajectory.state, [nq, nq + nv], axis=1)
     variables: dict[str, xr.Variable] = {
@@ -104,10 +110,13 @@ def build_dataset(scene: Scene, trajectory: Trajectory, loop: ClosedLoop) -> xr.
 
 def _unplotted(array: xr.Variable) -> xr.Variable:
     """Variable that pages do not plot over time."""
-    return xr.Variable(array.dims, array.data, {**array.attrs, "plotted": 0})
+    array.attrs["plotted"] = 0
+    return array
 
 
 def _array(values: Array, dims: tuple[str, ...], unit: str, text: str) -> xr.Variable:
+    import xarray as xr
+
     return xr.Variable(dims, np.ascontiguousarray(values), {"units": unit, "long_name": text})
 
 

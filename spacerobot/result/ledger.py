@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.result.trust import KINDS
 from spacerobot.scenario import Scenario
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SMALLEST = 1e-9
 """Minimum scale of relative drift and residual [N s, N m s, J], for scenes in which nothing moves."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 ROUNDING = 1e-6
 """Excess that counts as rounding, relative to the range, the rate or the torque."""

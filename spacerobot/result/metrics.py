@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.common.arrays import Array
 from spacerobot.result.dataset import AXES
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def tip_errors(data: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:

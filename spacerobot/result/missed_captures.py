@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-import xarray as xr
 
 from spacerobot.common.arrays import Array
 from spacerobot.scene import Scene, SceneGrasp
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Booleans = npt.NDArray[np.bool_]
 INSTANTS = 3000

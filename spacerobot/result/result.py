@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.common.arrays import Array
 from spacerobot.common.errors import DivergedError
@@ -20,6 +20,9 @@ from spacerobot.result.table import Row, cause_words, headline, result_tables, s
 from spacerobot.result.trust import fast_words
 from spacerobot.scenario import Scenario
 from spacerobot.scene import Scene, build_scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,7 @@ import functools
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, cast
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any, cast
 
 from spacerobot.common.version import __version__
 from spacerobot.elements.core.registry import plugin_records
@@ -32,6 +30,9 @@ from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import advise, check_trust, deep_contacts, warning
 from spacerobot.rollout import Trajectory
 from spacerobot.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def build_summary(

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from spacerobot.common.tables import Table, unit_scale
 from spacerobot.result.events import event_table
 from spacerobot.result.summary_types import Summary
 from spacerobot.result.trust import open_words
 from spacerobot.scenario import Scenario
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Row = tuple[str, str]
 FINEST = 1e-4

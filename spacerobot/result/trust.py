@@ -9,13 +9,15 @@ the other side, even if momentum and energy are conserved.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from spacerobot.common.arrays import Array
 from spacerobot.scene.scene import SceneContact
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 MOST_DRIFT = 0.01
 """Maximum drift of momentum, relative to the largest momentum of a body."""

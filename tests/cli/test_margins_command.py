@@ -49,14 +49,25 @@ def test_margins_over_time(margins, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--at", "7"), "from 0 to 1 s"),
-        (("--at", "catched"), "no event 'catched'"),
-        (("--along", "1"), "allowed: 0, or from 2 to"),
+        (("--at", "7"), "--at: found 7 s, allowed: from 0 to 1 s"),
+        (("--at", "catched"), "--at: no event 'catched'"),
+        (("--along", "1"), "--along: found 1, allowed: 0, or from 2 to"),
+        (("--along", "3", "--at", "0"), "--along: does not go with --at"),
+        (("--loops", "torque/*"), "--loops: needs --worst-case or --together"),
+        (("--margin", "phase", "--together"), "--margin: needs --worst-case"),
+        (("--together", "--out", "margins"), "--out: does not go with --together"),
+        (("--together", "--worst-case", "hold.kd=2..6"), "--together: does not go with --worst-case"),
+        (("--together", "--loops", "tork/*"), "--loops: no break point 'tork/*'; allowed: measurement/"),
+        (
+            ("--worst-case", "hold.kd=2..6", "--loops", "wheel/*"),
+            "--loops: no break point 'wheel/*'; allowed: measurement/",
+        ),
         (("--worst-case", "hold.kd=2"), "PATH=LOWER..UPPER"),
         (("--worst-case", "hold.kd=2..6", "--margin", "disc"), "--margin: found 'disc', allowed: 'disk'"),
     ],
 )
-def test_what_cannot_be_analysed_is_one_line(margins, arguments, told):
+def test_what_cannot_be_analysed_is_one_line_before_a_simulation(margins, monkeypatch, arguments, told):
+    monkeypatch.setattr("spacerobot.linear.linearisation.Lineariser.rollout", None)
     code, _, err = margins(*arguments)
     assert code == 2
     assert len(err.strip().splitlines()) == 1

@@ -8,7 +8,7 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
-from spacerobot.cli.options import Changes, Out, ScenarioName, parse_changes
+from spacerobot.cli.options import Changes, Out, ScenarioName, arguments_as_options, parse_changes
 from spacerobot.cli.output import print_next, progress, show
 from spacerobot.common.errors import ScenarioError
 
@@ -35,13 +35,20 @@ Worst = Annotated[
     ),
 ]
 Margin = Annotated[
-    Literal["disk", "gain_up", "gain_down", "phase", "delay"],
+    Literal["disk", "gain_up", "gain_down", "phase", "delay"] | None,
     typer.Option(
-        "--margin", metavar="NAME", help="disk, gain_up, gain_down, phase or delay, of --worst-case."
+        "--margin",
+        metavar="NAME",
+        help="disk, gain_up, gain_down, phase or delay, of --worst-case; disk if not given.",
     ),
 ]
 Loops = Annotated[
-    str, typer.Option("--loops", metavar="PATTERN", help="Loops of --worst-case and --together: 'torque/*'.")
+    str | None,
+    typer.Option(
+        "--loops",
+        metavar="PATTERN",
+        help="Loops of --worst-case and --together, such as 'torque/*'; all if not given.",
+    ),
 ]
 Together = Annotated[
     bool,
@@ -57,8 +64,8 @@ def command(
     changes: Changes = None,
     out: Out = None,
     worst_case: Worst = None,
-    margin: Margin = "disk",
-    loops: Loops = "*",
+    margin: Margin = None,
+    loops: Loops = None,
     together: Together = False,
 ) -> None:
     """Linearise the closed loop; print its poles, and gain, phase, delay and disk margins of every loop.
@@ -74,9 +81,20 @@ def command(
         spacerobot margins docking --at captured --worst-case target.links.body.mass=50..200
             --loops 'torque/*'
     """
+    kind = "--worst-case" if worst_case else "--together" if together else ""
+    for option, value, is_used, needed in (
+        ("--margin", margin, bool(worst_case), "needs --worst-case"),
+        ("--loops", loops, bool(kind), "needs --worst-case or --together"),
+        ("--along", along, not (kind or at), f"does not go with {kind or '--at'}"),
+        ("--out", out, not kind, f"does not go with {kind}, whose outcome is only printed"),
+        ("--together", together, not worst_case, "does not go with --worst-case"),
+    ):
+        if value and not is_used:
+            raise typer.BadParameter(needed, param_hint=option)
     scene = sr.load_scene(scenario, parse_changes(changes))
     instants = [_instant(text) for text in at or ["0"]]
-    with progress("building the closed loop") as tell:
+    patterns = loops or "*"
+    with progress("building the closed loop") as tell, arguments_as_options("along", "at", "loops"):
         result: sr.WorstMargins | sr.SimultaneousMargins | sr.MarginAnalysis
         if worst_case:
             try:
@@ -84,9 +102,9 @@ def command(
             except ScenarioError as error:  # `tune` names the same texts --vary
                 where = (error.where or "").replace("--vary", "--worst-case")
                 raise ScenarioError(error.message, source=error.source, where=where) from None
-            result = sr.worst_margins(scene, instants, margin=margin, loops=loops, progress=tell)
+            result = sr.worst_margins(scene, instants, margin=margin or "disk", loops=patterns, progress=tell)
         elif together:
-            result = sr.simultaneous_margins(scene, instants, loops=loops, progress=tell)
+            result = sr.simultaneous_margins(scene, instants, loops=patterns, progress=tell)
         else:
             result = sr.margins(scene, instants, along=along, progress=tell)
             if out is not None:
