@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,6 +52,46 @@ def parse_changes(texts: list[str] | None) -> list[tuple[str, Any]]:
             raise ScenarioError(f"found {text!r}, allowed: PATH=VALUE", where="--set")
         changes.append((path.strip(), parse_yaml(value, source=f"--set {path.strip()}")))
     return changes
+
+
+@contextmanager
+def changes_named(scenario: str, texts: list[str] | None) -> Iterator[None]:
+    """Report errors in the block that changes of a scenario cause at the options ``--set``.
+
+    Args:
+        scenario: File or name of the scenario.
+        texts: Texts ``path=value``.
+    """
+    from spacerobot.common.errors import ScenarioError
+    from spacerobot.common.section import matching
+
+    try:
+        yield
+    except ScenarioError as error:
+        place = (error.where or "").removeprefix("--set ")
+        unknown = re.match(r"unknown key '([^']*)'", error.message)
+        place = f"{place}.{unknown[1]}".lstrip(".") if unknown else place
+        paths = {text: text.partition("=")[0].strip() for text in texts or []}
+        inside = [text for text, path in paths.items() if matching([place], path)]
+        inside += [text for text, path in paths.items() if matching([place], f"{path}.*")]
+        around = [text for text, path in paths.items() if not place or path.startswith(f"{place}.")]
+        if not (inside or around) or not _is_valid(scenario):
+            raise
+        if inside:
+            raise ScenarioError(error.message, where=f"--set {inside[-1]}") from None
+        message = f"{error.message}; with {', '.join(f'--set {text}' for text in around)}"
+        raise ScenarioError(message, source=error.source, where=error.where) from None
+
+
+def _is_valid(scenario: str) -> bool:
+    """Whether a scenario is valid without changes."""
+    from spacerobot.scene.load import read_scenario
+
+    try:
+        read_scenario(scenario)
+    except SpaceRobotError:
+        return False
+    return True
 
 
 def readable_changes(texts: list[str] | None) -> list[str] | None:
@@ -120,7 +161,8 @@ def load(scenario: str, changes: list[str] | None, *sections: str) -> Scene:
     pairs = parse_changes(changes)
     for section in sections:
         check_section(find_scenario(scenario), section, pairs)
-    return sr.load_scene(scenario, pairs)
+    with changes_named(scenario, changes):
+        return sr.load_scene(scenario, pairs)
 
 
 ScenarioName = Annotated[

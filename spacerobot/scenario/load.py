@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,14 @@ from spacerobot.elements.core.registry import kinds
 from spacerobot.quantities import planned
 from spacerobot.scenario.paths import Document, assign, expand, get
 from spacerobot.scenario.scenario import Scenario
-from spacerobot.scenario.validation_errors import explain
+from spacerobot.scenario.units import unit_at
+from spacerobot.scenario.validation_errors import explain_all
 from spacerobot.scenario.yaml_text import Dumper
+
+SHOWN_ERRORS = 3
+"""Maximum number of errors after the first one that a message states."""
+PLAUSIBLE_NUMBERS = (1.0, 1e-3, 1e3)
+"""Numbers in place of wrong ones, with which their units are looked up."""
 
 
 def validate(document: Document, *, source: Path | str | None = None) -> Scenario:
@@ -28,12 +34,29 @@ def validate(document: Document, *, source: Path | str | None = None) -> Scenari
     try:
         return Scenario.model_validate(document)
     except ValidationError as fault:
-        errors = fault.errors(include_url=False)
-        where, message = explain(errors[0], document)
-        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        raise ScenarioError(message + more, source=source, where=where or None) from None
+        messages = explain_all(fault.errors(include_url=False), document)
+        units = _units(document, [place for place, text in messages.items() if "allowed: " in text])
+        (where, first), *others = ((place, text + units.get(place, "")) for place, text in messages.items())
+        shown = "".join(f"; {place}: {text}" for place, text in others[:SHOWN_ERRORS])
+        rest = f"; and {len(others) - SHOWN_ERRORS} more errors" if len(others) > SHOWN_ERRORS else ""
+        raise ScenarioError(f"{first}{shown}{rest}", source=source, where=where or None) from None
     except RecursionError:
         raise ScenarioError("nested too deeply", source=source) from None
+
+
+def _units(document: Document, paths: Sequence[str]) -> dict[str, str]:
+    """Units at paths with wrong values of a document, as `` [kg]``; none if it has other errors."""
+    for number in PLAUSIBLE_NUMBERS:
+        try:
+            mended = document
+            for path in paths:
+                mended = assign(mended, path, number)
+            scenario = Scenario.model_validate(mended)
+            units = {path: unit_at(scenario, path) for path in paths}
+        except (ScenarioError, LookupError, AttributeError, ValueError, TypeError):
+            continue
+        return {path: f" [{unit}]" for path, unit in units.items() if unit not in ("1", "SI")}
+    return {}
 
 
 def to_document(scenario: Scenario) -> Document:

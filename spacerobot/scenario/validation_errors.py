@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from spacerobot.scenario.paths import Document
@@ -40,6 +40,20 @@ _PATTERNS = {
     r"^[^/]+/[^/]+$": "robot/tip",
 }
 """Meaning of patterns in the schema."""
+
+
+def explain_all(errors: Iterable[Mapping[str, Any]], document: Document) -> dict[str, str]:
+    """Messages of pydantic's errors by dotted path; values that alternatives allow are joined by ``or``."""
+    messages: dict[str, str] = {}
+    for error in errors:
+        path, message = explain(error, document)
+        head, separator, allowed = message.partition(", allowed: ")
+        earlier = messages.setdefault(path, message)
+        if message not in earlier and separator and earlier.startswith(head + separator):
+            messages[path] = f"{earlier} or {allowed}"
+        elif message not in earlier:
+            messages[path] = f"{earlier}; {message}"
+    return messages
 
 
 def explain(error: Mapping[str, Any], document: Document) -> tuple[str, str]:

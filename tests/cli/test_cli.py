@@ -199,7 +199,7 @@ BAD = {
         "does not close",
     ),
     "unknown urdf": (["check", "paper", "--set", "target.urdf=rectangel.urdf"], "rectangle.urdf"),
-    "bad engine": (["run", "paper", "--engine", "magic"], "simulation.engine"),
+    "bad engine": (["run", "paper", "--engine", "magic"], "--engine"),
     "bad number": (["make-arm", "arm", "x.urdf", "--links", "0"], "links"),
 }
 

@@ -140,17 +140,36 @@ def test_a_wrong_option_or_result_is_reported_without_libraries_that_compute(arg
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("foo.bar=1", "--set foo.bar: no 'foo'; allowed:"),
-        ("simulation.duration=high", "simulation.duration: found 'high', allowed: a number"),
-        ("robots.rpr1.urdf=nowhere.urdf", "robots.rpr1.urdf: "),
-        ("robots.rpr1.joints.nowhere.angle_deg=3", "no 'nowhere'"),
+        ("foo=1", "unknown key 'foo'; allowed: campaign"),
+        ("foo.bar=1", "no 'foo'; allowed: campaign"),
+        (
+            "robots.*.tips.tip.pid.kp=-1",
+            "found -1, allowed: at least 0 [N s/m]; robots.rpr2.tips.tip.pid.kp: ",
+        ),
+        ("simulation.duration=high", "found 'high', allowed: a number [s]"),
+        ("simulation.durtion=1", "unknown key 'durtion'; did you mean duration?"),
+        ("robots.rpr1.urdf=nowhere.urdf", "nowhere.urdf: no such URDF file in "),
+        ("robots.rpr1.joints.nowhere.angle_deg=3", "no 'nowhere'; allowed: joint_1"),
     ],
 )
 def test_a_wrong_change_is_reported_without_pinocchio(change, message, tmp_path):
     (code, *loaded), error = attempt("run", "paper", "--set", change, folder=tmp_path)
     assert code == "2"
     assert "pinocchio" not in loaded
-    assert message in error
+    assert error.startswith(f"error: --set {change}: {message}")
+
+
+def test_a_change_that_another_value_contradicts_is_named_at_the_end(tmp_path):
+    _, error = attempt("check", "docking", "--set", "plan.duration.upper=1", folder=tmp_path)
+    assert "docking.yaml: plan.duration: lower must not be above upper" in error
+    assert error.endswith("; with --set plan.duration.upper=1")
+
+
+def test_an_error_of_the_file_is_not_reported_at_a_change_of_the_same_value(tmp_path):
+    (tmp_path / "wrong.yaml").write_text(WRONG.replace("WORD", "frame").replace("KP", "-3"))
+    _, error = attempt("run", "wrong.yaml", "--set", "robots.mine.tips.tip.pid.kp=-4", folder=tmp_path)
+    assert "wrong.yaml: robots.mine.tips.tip.pid.kp: found -3, allowed: at least 0" in error
+    assert "--set" not in error
 
 
 def test_a_suffix_that_names_no_format_is_reported_without_results_or_scenes(tmp_path):

@@ -61,7 +61,7 @@ def faulty(changes: dict[str, object], text: str = PLANAR) -> str:
         # ranges and types
         ({f"{ONE}.pid.kp": -1}, f"{ONE}.pid.kp: found -1, allowed: at least 0"),
         ({f"{ONE}.reference.radius": 0}, f"{ONE}.reference.radius: found 0, allowed: above 0"),
-        ({f"{ONE}.pid.kp": "much"}, f"{ONE}.pid.kp: found 'much', allowed: a number$"),
+        ({f"{ONE}.pid.kp": "much"}, f"{ONE}.pid.kp: found 'much', allowed: a number \\[N s/m\\]$"),
         ({f"{ONE}.pid.kp": True}, f"{ONE}.pid.kp: found True, a truth value"),
         ({f"{ONE}.pid.kp": float("nan")}, f"{ONE}.pid.kp: found nan, allowed: a finite number"),
         ({f"{ONE}.pid.kp": float("inf")}, f"{ONE}.pid.kp: found inf, allowed: a finite number"),
@@ -146,10 +146,21 @@ def test_fault_is_told_with_its_place(changes, expected):
     assert re.match(expected, faulty(changes)), faulty(changes)
 
 
-def test_several_faults_are_counted():
-    assert faulty({f"{ONE}.pid.kp": -1, f"{ONE}.pid.ki": -1}).endswith(
-        "found -1, allowed: at least 0 (and 1 more)"
+def test_several_errors_are_stated_with_their_units():
+    assert faulty({f"{ONE}.pid.kp": -1, f"{ONE}.pid.ki": -1}) == (
+        f"{ONE}.pid.kp: found -1, allowed: at least 0 [N s/m]; "
+        f"{ONE}.pid.ki: found -1, allowed: at least 0 [N/m]"
     )
+
+
+def test_errors_beyond_the_first_four_are_counted():
+    wrong = {f"{ONE}.pid.{key}": -1 for key in ("kp", "ki", "kd")}
+    wrong |= {f"robots.two.tips.tip.pid.{key}": -1 for key in ("kp", "ki", "kd")}
+    assert faulty(wrong).endswith("; and 2 more errors")
+
+
+def test_two_limits_that_one_number_violates_are_one_error():
+    assert faulty({"plan": {"duration": -2}}) == "plan.duration: found -2, allowed: above 0"
 
 
 def test_missing_key_is_named():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
-from spacerobot.cli.options import Changes, ScenarioName, parse_changes
+from spacerobot.cli.options import Changes, ScenarioName, load
 from spacerobot.cli.output import print_next, show
 
 
@@ -16,5 +16,5 @@ def command(scenario: ScenarioName, changes: Changes = None) -> None:
 
         spacerobot check paper --set grasps.left.stiffness=200
     """
-    show(sr.check(sr.load_scene(scenario, parse_changes(changes))))
+    show(sr.check(load(scenario, changes)))
     print_next(f"\nno errors; `spacerobot run {scenario}` simulates it")

@@ -11,7 +11,7 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import EXCHANGE, Command
-from spacerobot.cli.options import Changes, parse_changes
+from spacerobot.cli.options import Changes, changes_named, parse_changes
 from spacerobot.cli.output import console, progress, show
 from spacerobot.common.registry import COMMANDS
 
@@ -53,7 +53,7 @@ def command(
     parse_options(kind, options)  # before the call: an option may have the name of another argument
     if Path(source).is_dir():
         load_plugins_of([Path(source)])
-    with progress("exporting"):
+    with progress("exporting"), changes_named(source, changes):
         written = sr.export(source, path, kind.name, changes=parse_changes(changes), **options)
     console().print(f"{kind.name} in {written}", markup=False, soft_wrap=True)
 

@@ -8,7 +8,7 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
-from spacerobot.cli.options import Changes, Out, ScenarioName, arguments_as_options, parse_changes
+from spacerobot.cli.options import Changes, Out, ScenarioName, arguments_as_options, load
 from spacerobot.cli.output import print_next, progress, show
 from spacerobot.common.errors import ScenarioError
 
@@ -91,7 +91,7 @@ def command(
     ):
         if value and not is_used:
             raise typer.BadParameter(needed, param_hint=option)
-    scene = sr.load_scene(scenario, parse_changes(changes))
+    scene = load(scenario, changes)
     instants = [_instant(text) for text in at or ["0"]]
     patterns = loops or "*"
     with progress("building the closed loop") as tell, arguments_as_options("along", "at", "loops"):

@@ -8,7 +8,7 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
-from spacerobot.cli.options import Changes, Out, Port, ScenarioName, parse_changes
+from spacerobot.cli.options import Changes, Out, Port, ScenarioName, load
 from spacerobot.cli.output import console, print_next, progress, show, warn
 from spacerobot.common.interrupts import keep
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from spacerobot.simulation import Backend as BackendName
 
 Engine = Annotated[
-    str | None, typer.Option("--engine", metavar="NAME", help="casadi or pinocchio (slow, a check).")
+    Literal["casadi", "pinocchio"] | None,
+    typer.Option("--engine", metavar="NAME", help="casadi or pinocchio (slow, a check)."),
 ]
 Backend = Annotated[
     Literal["auto", "compiled", "interpreted"],
@@ -65,10 +66,7 @@ def command(
 
         spacerobot run my.yaml --set simulation.duration=20 --set 'robots.*.tips.*.amnesia=null'
     """
-    pairs_given = parse_changes(changes)
-    if engine is not None:
-        pairs_given.append(("simulation.engine", engine))
-    scene = sr.load_scene(scenario, pairs_given)
+    scene = load(scenario, [*(changes or []), *([f"simulation.engine={engine}"] if engine else [])])
     for warning in scene.warnings:
         warn(warning)
     if view:

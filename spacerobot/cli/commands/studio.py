@@ -9,7 +9,7 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import LOOK, Command
-from spacerobot.cli.options import Changes, Port, ScenarioName, parse_changes
+from spacerobot.cli.options import Changes, Port, ScenarioName, changes_named, parse_changes
 from spacerobot.cli.output import console, progress, warn
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def command(
         words = "opened in the browser" if opened else "open this address in a browser"
         console().print(f"{words}: {page.url} (Ctrl-C ends it)", markup=False, soft_wrap=True)
 
-    with progress("loading") as tell:
+    with progress("loading") as tell, changes_named(scenario, changes):
         studio = sr.studio(
             scenario, parse_changes(changes), folder=out, port=port, on_start=announce, progress=tell
         )
