@@ -23,7 +23,7 @@ def main(folder: Path = Path("out/examples/first_steps"), duration_s: float = 10
     viz.write_animation(result, folder / "docking.html")
     viz.save_figures(result, folder / "figures", formats=("pdf", "png"), names=["tip_errors", "docking"])
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
-    print(f"open {folder / 'docking.html'}")
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

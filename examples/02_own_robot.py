@@ -43,6 +43,7 @@ def main(folder: Path = Path("out/examples/own_robot"), duration_s: float = 4.0)
     print(f"{1e3 * error['final_m']:.3f} mm at the end")
     viz.save_figures(result, folder / "figures", formats=("png",), names=["docking", "joints"])
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=1, size_px=(480, 300))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ def main(folder: Path = Path("out/examples/compare"), duration_s: float = 10.0) 
     viz.save_figures(first, folder / "figures", *others, formats=("pdf", "png"), names=["tip_errors"])
     viz.write_animation(first, folder / "compared.html", *others)
     viz.write_recording(results[-1], folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

@@ -63,6 +63,7 @@ def main(
     figure.savefig(folder / "gradients.png")
     result = sr.simulate(scene, backend=backend)
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=0.5, size_px=(480, 300))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

@@ -38,6 +38,7 @@ def main(folder: Path = Path("out/examples/tune"), duration_s: float = 2.0, meth
         )
     viz.save_figures(after, folder / "figures", before, formats=("png",), names=["tip_errors"])
     viz.write_recording(after, folder / "film.gif", frames_per_s=5, speed=0.5, size_px=(480, 300))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

@@ -44,6 +44,7 @@ def main(
     drawing = figures.robustness(peaks, quantity="peak tip error", unit="m", limit=0.002)
     (folder / "robustness.png").write_bytes(figures.to_bytes(drawing, "png"))
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=2, size_px=(480, 300))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ def main(
     loop = sr.build_closed_loop(scene)
     paths = [path for path in loop.parameter_paths if "soft" in path or path.endswith("reference.size")]
     print("parameters of the plugins:", *paths, sep="\n  ")
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

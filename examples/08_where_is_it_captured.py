@@ -61,6 +61,7 @@ def main(folder: Path = Path("out/examples/capture"), samples: int = 512) -> Non
     viz.write_recording(
         campaign.simulate(fastest, "tuned"), folder / "film.gif", frames_per_s=5, speed=4, size_px=(480, 300)
     )
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

@@ -66,6 +66,7 @@ def main(
     (folder / "disturbance.png").write_bytes(figures.to_bytes(figures.disturbance(results), "png"))
     *_, last = results.values()
     viz.write_recording(last, folder / "film.gif", frames_per_s=5, speed=3, size_px=(480, 300))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

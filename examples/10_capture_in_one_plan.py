@@ -42,6 +42,7 @@ def main(scenario: str | Path = "capture", changes: Mapping[str, Any] = CHANGES)
             print(f"{event['who']:8} captured at {event['time_s']:.3f} s, at {speed:.1e} mm/s")
     viz.save_figures(result, folder / "figures", formats=("png",), names=["storyboard"])
     viz.write_recording(result, folder / "film.gif", frames_per_s=5, speed=3, size_px=(480, 300))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

@@ -71,6 +71,7 @@ def main(
     times = {"scenario": campaign.data.capture_time.values.ravel()}
     drawing = figures.robustness(times, quantity="capture time", unit="s")
     (folder / "figures" / "capture_time.png").write_bytes(figures.to_bytes(drawing, "png"))
+    print(f"files in {folder}:", ", ".join(sorted(path.name for path in folder.iterdir())))
 
 
 if __name__ == "__main__":

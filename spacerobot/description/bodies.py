@@ -126,9 +126,22 @@ def _fault(body: RigidBody, *, is_base: bool = False) -> str:
     return f"has principal inertias {_listed(principal)} kg m^2, allowed: none below 0"
 
 
-def odd_bodies(bodies: Sequence[RigidBody], *, floating: bool) -> list[str]:
-    """Warnings about inertias that violate the triangle inequality, and about a very light floating base."""
-    warnings = []
+def odd_bodies(bodies: Sequence[RigidBody], *, floating: bool, pieces: tuple[str, ...] = ()) -> list[str]:
+    """Warnings about moving bodies without mass, impossible inertias, and a very light floating base.
+
+    Inertias are impossible if they violate the triangle inequality.
+
+    Args:
+        bodies: Rigid bodies, the base first.
+        floating: Whether the base floats.
+        pieces: Beginnings of the names of flexible links' pieces, some of which have no mass.
+    """
+    warnings = [
+        f"link {body.name!r}: joint {body.joint} moves it, but neither it nor a link fixed to it has mass "
+        "and inertia; if <inertial> was forgotten, add it, or give mass properties by `links`"
+        for body in bodies[1:]
+        if body.mass == 0 and not body.name.startswith(pieces)
+    ]
     for body in bodies if floating else bodies[1:]:
         principal = _principal(body.inertia)
         if principal[0] + principal[1] < (1 - _ROUNDING) * principal[2]:

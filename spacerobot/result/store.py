@@ -74,6 +74,29 @@ def check_folder(folder: StrPath, job: str | None = None) -> None:
         pass
 
 
+def check_same_scenario(folder: StrPath, scenario: str) -> None:
+    """Check that a folder has no result of another scenario, which would be replaced.
+
+    Args:
+        folder: Output folder.
+        scenario: Name of the scenario that will be simulated.
+
+    Raises:
+        ResultError: If the folder has a result of a scenario with another name.
+    """
+    try:
+        summary = json.loads((Path(folder) / SUMMARY).read_text(encoding="utf-8"))
+        name = summary["name"]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return
+    if name != scenario:
+        raise ResultError(
+            f"holds a result of the scenario {name!r}, which that of {scenario!r} would replace; name "
+            "another folder, or remove this one",
+            source=folder,
+        )
+
+
 def write_result(folder: Path, scenario: Scenario, data: xr.Dataset, summary: Summary) -> None:
     """Write the files of a result; earlier files, and the files made from them, are replaced.
 

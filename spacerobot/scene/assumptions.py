@@ -113,7 +113,9 @@ def list_warnings(scene: Scene) -> tuple[str, ...]:
     for body in scene.bodies:
         warnings += [f"{body.path}: {warning}" for warning in body.description.warnings]
         bodies = resolved_bodies(body.config, body.description)
-        warnings += [f"{body.path}: {w}" for w in odd_bodies(bodies, floating=bool(body.root_joint))]
+        pieces = tuple(f"{name}_" for name in body.config.flexible)
+        odd = odd_bodies(bodies, floating=bool(body.root_joint), pieces=pieces)
+        warnings += [f"{body.path}: {warning}" for warning in odd]
         for joint in body.description.joints:
             state = body.config.joints.get(joint.name)
             if state is None or joint.kind == "continuous":

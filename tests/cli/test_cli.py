@@ -241,6 +241,28 @@ def test_a_folder_that_cannot_be_written_is_told_before_any_work(spacerobot, tmp
     assert "is a file" in one_line(err)
 
 
+def test_a_result_is_replaced_by_the_same_scenario_and_not_by_another(spacerobot, tmp_path, monkeypatch):
+    folder = tmp_path / "r"
+    for duration in (0.5, 0.4):
+        code, _, _ = spacerobot("run", "paper", "--out", folder, "--set", f"simulation.duration={duration}")
+        assert code == 0
+    assert Result.load(folder).data.time.values[-1] == 0.4
+    monkeypatch.setattr("spacerobot.simulate", None)
+    code, out, err = spacerobot("run", "drift", "--out", folder)
+    assert (code, out) == (2, "")
+    assert "holds a result of the scenario 'paper', which that of 'drift' would replace" in one_line(err)
+    assert Result.load(folder).scenario.name == "paper"
+
+
+def test_a_picture_after_the_end_of_a_result_is_refused(spacerobot, tmp_path):
+    spacerobot("run", "paper", "--out", tmp_path / "r", *SHORT)
+    picture = tmp_path / "late.png"
+    code, _, err = spacerobot("animate", tmp_path / "r", "--record", picture, "--at", 30)
+    assert code == 2
+    assert "--at: found 30 s, allowed: 0 to 0.5 s, the times of the result" in one_line(err)
+    assert not picture.exists()
+
+
 values = st.one_of(
     st.none(),
     st.booleans(),

@@ -46,7 +46,7 @@ def attempt(*arguments, folder):
         (("campaign", "paper"), "--out is missing, as in `spacerobot campaign paper --out out/campaign"),
         (
             ("plan", "docking", "--from", "missing"),
-            "--from: no such file as missing, allowed: a plan's folder",
+            "--from: no plan at missing; allowed: the folder of a plan",
         ),
         (("falsify", "ets7"), "campaign: no campaign section"),
         (("animate", "missing"), "missing: no such folder"),
@@ -120,6 +120,14 @@ SLOW = ("matplotlib", "pandas", "scipy", "xarray")
         ("report text.txt", "text.txt: no result in this file; allowed: "),
         ("report other.json", "other.json: no result in this file; allowed: "),
         ("identify text.txt", "text.txt: is a file, not a folder"),
+        (
+            "animate result --record film.avi",
+            "--record: found film.avi, allowed: a file .gif or",
+        ),
+        ("animate result --html film.gif", "--html: found film.gif, allowed: a file .html or .htm"),
+        ("animate result --record film.gif --at 1", "--at: needs --record FILE.png, one picture"),
+        ("animate result --record film.png --speed 2", "--speed: needs --record FILE.gif or FILE.mp4"),
+        ("report result --out page.pdf", "--out: found page.pdf, allowed: a file .html or .htm"),
     ],
 )
 def test_a_wrong_option_or_result_is_reported_without_libraries_that_compute(arguments, message, tmp_path):

@@ -186,6 +186,23 @@ def test_massless_links_may_carry_and_be_carried(urdf) -> None:
     assert [inertia.mass for inertia in model.inertias] == [0, 2, 3]
 
 
+def test_a_moving_link_without_inertial_is_warned_about_and_a_fixed_frame_is_not(urdf) -> None:
+    path = urdf.write(
+        urdf.link("bus"),
+        urdf.link("forgotten", ""),
+        urdf.link("hand"),
+        urdf.link("tool_frame", ""),
+        urdf.joint("shoulder", "bus", "forgotten"),
+        urdf.joint("wrist", "forgotten", "hand"),
+        urdf.joint("mount", "hand", "tool_frame", "fixed", ""),
+    )
+    description = read_description(path)
+    bodies = welded_bodies(description.links, description.joints, description.root)
+    (warning,) = odd_bodies(bodies, floating=True)
+    assert warning.startswith("link 'forgotten': joint shoulder moves it, but")
+    assert odd_bodies(bodies, floating=True, pieces=("forg",)) == []
+
+
 def test_colours_by_name_in_passing_and_missing(urdf) -> None:
     def visual(material: str) -> str:
         return f'{urdf.INERTIAL}<visual><geometry><sphere radius="1"/></geometry>{material}</visual>'

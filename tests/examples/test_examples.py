@@ -49,7 +49,10 @@ def test_an_example_runs_and_draws(name, tmp_path, monkeypatch, capsys):
     sizes, printed = SMALL[name]
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](**sizes)
-    assert printed in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert printed in out
+    *_, folder, names = re.match(r"files in (.*): (.*)", out.splitlines()[-1]).group(0, 1, 2)
+    assert set(names.split(", ")) == {path.name for path in (tmp_path / folder).iterdir()}
     assert list(tmp_path.rglob("*.gif"))
     assert list(tmp_path.rglob("*.png"))
 
@@ -62,6 +65,7 @@ def test_an_example_with_elements_of_its_own_runs(tmp_path):
     done = forks.start(run, folder=tmp_path).wait()
     assert done.returncode == 0, done.stderr
     assert printed in done.stdout
+    assert done.stdout.splitlines()[-1] == "files in out/examples/own_element: figures, film.gif"
 
 
 def test_every_example_has_a_picture_in_the_index_that_loads_quickly():

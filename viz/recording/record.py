@@ -118,11 +118,14 @@ def write_poster(result: Result, path: StrPath, *, at: float | None = None) -> N
         at: Time [s]; None takes the first capture, or the middle if there is none.
 
     Raises:
-        ResultError: If the file cannot be written.
+        ResultError: If the result has no such time, or the file cannot be written.
     """
     duration = float(result.data.time.values[-1])
+    if at is not None and not 0 <= at <= duration:
+        message = f"found {at:g} s, allowed: 0 to {duration:g} s, the times of the result"
+        raise ResultError(message, source=result.folder, where="at")
     captures = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
-    time = float(np.clip(at if at is not None else min(captures, default=duration / 2), 0, duration))
+    time = at if at is not None else float(min(captures, default=duration / 2))
     if browser_program() is not None:
         (content,) = page_pictures(animation(result), [time], POSTER, level=FINE, kind="png")
     else:

@@ -10,9 +10,10 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import LOOK, Command
-from spacerobot.cli.options import Port
+from spacerobot.cli.options import Port, arguments_as_options
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import check_folders, load_plugins_of
+from spacerobot.common.errors import ResultError
 from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ At = Annotated[
     float | None,
     typer.Option("--at", metavar="SECONDS", min=0, help="Time of a .png; the first capture by default."),
 ]
+PAGES, RECORDINGS, PICTURE = (".html", ".htm"), (".gif", ".mp4"), ".png"
+"""Suffixes of the files of --html and --record."""
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Only print the address.")]
 
 
@@ -80,6 +83,7 @@ def command(
 
         spacerobot animate out/flown out/plan
     """
+    _check_files(html, record, speed, at)
     folders = [*folders, *([compare] if compare else [])]
     check_folders(folders)
     load_plugins_of(folders)
@@ -89,10 +93,27 @@ def command(
     with progress("reading") as tell:
         for file in (html, record):
             if file is not None:
-                sr.animate(folders, file, speed=speed, at=at, progress=tell)
+                with arguments_as_options("at"):
+                    sr.animate(folders, file, speed=speed, at=at, progress=tell)
     for kind, file in (("page", html), ("recording", record)):
         if file is not None:
             console().print(f"{kind} in {file}", markup=False, soft_wrap=True)
+
+
+def _check_files(html: Path | None, record: Path | None, speed: float | None, at: float | None) -> None:
+    """Check the suffixes of files, and the options that only some of them use.
+
+    Raises:
+        ResultError: If a suffix names no format, or an option has no effect.
+    """
+    for option, file, suffixes in (("--html", html, PAGES), ("--record", record, (*RECORDINGS, PICTURE))):
+        if file is not None and file.suffix.lower() not in suffixes:
+            raise ResultError(f"found {file}, allowed: a file {' or '.join(suffixes)}", where=option)
+    suffix = "" if record is None else record.suffix.lower()
+    if speed is not None and suffix not in RECORDINGS:
+        raise ResultError("needs --record FILE.gif or FILE.mp4", where="--speed")
+    if at is not None and suffix != PICTURE:
+        raise ResultError("needs --record FILE.png, one picture", where="--at")
 
 
 def serve(folders: Sequence[Path], port: int, *, open_browser: bool = True) -> None:

@@ -115,7 +115,8 @@ def command(
         raise typer.BadParameter("does not go with --pareto or --design", param_hint="--from")
     if warm_start is not None and not (warm_start.is_file() or (warm_start / "plan.nc").is_file()):
         raise ScenarioError(
-            f"no such file as {warm_start}, allowed: a plan's folder, or its plan.nc", where="--from"
+            f"no plan at {warm_start}; allowed: the folder of a plan (spacerobot plan --out), or its plan.nc",
+            where="--from",
         )
     scene = load(scenario, changes, "plan")
     terms, paths = parts(pareto), parts(sensitivities) or []

@@ -10,8 +10,10 @@ import typer
 import spacerobot as sr
 from spacerobot.api.saved_kinds import saved_kind
 from spacerobot.cli.command import LOOK, Command
+from spacerobot.cli.commands.animate import PAGES
 from spacerobot.cli.output import console, progress
 from spacerobot.cli.plugins import load_plugins_of
+from spacerobot.common.errors import ResultError
 from spacerobot.result.store import SUMMARY
 
 Folders = Annotated[
@@ -53,6 +55,8 @@ def command(folders: Folders, out: Out = None) -> None:
 
         spacerobot report out/rare.json
     """
+    if out is not None and out.suffix.lower() not in PAGES:
+        raise ResultError(f"found {out}, allowed: a file {' or '.join(PAGES)}", where="--out")
     for path in folders:
         if not list(path.glob(f"*/{SUMMARY}")):  # a folder may hold several results
             saved_kind(path)

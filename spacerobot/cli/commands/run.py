@@ -116,9 +116,11 @@ def run_scene(
         controller: As for :func:`spacerobot.simulate`.
     """
     from spacerobot.result import check_folder
+    from spacerobot.result.store import check_same_scenario
 
     if out is not None:
         check_folder(out)
+        check_same_scenario(out, scene.scenario.name)
     with progress("building the closed loop") as spin:
 
         def tell(words: str) -> None:
