@@ -10,12 +10,22 @@ from typing import Any
 
 from spacerobot.common.errors import ResultError
 from viz.page.page import page
-from viz.recording.browser import chromium
+from viz.recording.browser import Browser, chromium
 
 FINE, MOVING = 0, 3
 """Levels of ``viz/web/quality.js``: all that can be drawn, for one picture; and for many."""
 
 _READY = "document.body?.dataset.ready === 'true'"
+
+
+OPENED_PX = 640
+"""Largest width of a page when it opens [pixels]."""
+
+
+def resize(browser: Browser, width: int, height: int) -> None:
+    """Set the size of the page [pixels]."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    browser.call("Emulation.setDeviceMetricsOverride", **size)
 
 
 def page_pictures(
@@ -45,14 +55,16 @@ def page_pictures(
         file = Path(folder) / "page.html"
         file.write_text(page(payload), encoding="utf-8")
         browser.call("Page.enable")
-        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-        browser.call("Emulation.setDeviceMetricsOverride", **metrics)
+        # small until the page is staged: it draws itself until then
+        small = min(1.0, OPENED_PX / width)
+        resize(browser, round(small * width), round(small * height))
         browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0&quality={level}")
         browser.wait_for(_READY)
         if browser.evaluate("document.body.classList.contains('blind')"):
             raise ResultError(
                 "this Chromium cannot draw in three dimensions; record with the built-in renderer"
             )
+        resize(browser, width, height)
         browser.evaluate(f"spacerobotFilm.begin({level})")
         for time in times:
             picture = browser.evaluate(f"spacerobotFilm.picture({time:.9g}, {width}, 'image/{kind}')")

@@ -41,7 +41,7 @@ USUAL: dict[str, tuple[float, tuple[int, int]]] = {
 }
 """Frames per second, and width and height in pixels, of each format where nothing else is said."""
 
-POSTER = 3840, 2160
+POSTER = 2560, 1440
 """Width and height of one picture, in pixels."""
 
 WIDTH_IN = 6.4
