@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 import spacerobot as sr
+from spacerobot.api.saved_kinds import SIMULATION, saved_kind
 from spacerobot.cli.command import LOOK, Command
 from spacerobot.cli.options import reported_at
 from spacerobot.cli.output import console, progress
@@ -65,9 +66,10 @@ def command(
     folders = [folder for folder in (result, compare) if folder is not None]
     check_folders(folders)
     load_plugins_of(folders)
-    with reported_at("--only"):
-        for name in only or ():
-            FIGURES.check(name)
+    if saved_kind(result) == SIMULATION:  # figures of plans, margins, ... are drawn together
+        with reported_at("--only"):
+            for name in only or ():
+                FIGURES.check(name)
     folder = out or result / "figures"
     with progress("drawing"):
         drawings = sr.figures(folders, folder, names=only, formats=file_formats, width=width)
