@@ -122,7 +122,7 @@ def _plain(schema: Schema) -> str:
 def range_of(schema: Schema) -> str:
     """Bounds of a key's number, from the key itself and from its alternatives."""
     entries = [
-        f"{sign} {one[key]:g}"
+        f"{sign}\N{NO-BREAK SPACE}{one[key]:g}"
         for one in (schema, *schema.get("anyOf", ()))
         for key, sign in BOUNDS.items()
         if key in one
@@ -154,7 +154,7 @@ def section_table(schema: Schema, page: str) -> str:
         described = cell(re.sub(r"\s*\[[^\[\]]*\]$", "", str(own.get("description", ""))))
         cells = (type_text, default_of(name, own, required), own.get("unit", ""), range_of(own))
         rows.append(f"| `{name}` | " + " | ".join(cell(str(c)) for c in cells) + f" | {described} |")
-    return "\n".join(rows)
+    return "\n".join(['<div class="keys" markdown>\n', *rows, "\n</div>"])
 
 
 def scenario() -> str:
