@@ -305,17 +305,24 @@ class RobustTuningResult(Tabular):
         gains = [(name, f"{value:.6g}") for name, value in self.gains.items()]
         title = f"{self.outcome.method}, {self.statistic.kind}: {self.objective:.6g}"
         content: list[Content] = [Table.of_pairs(title, gains), *self.outcome.sentences()]
-        for words, designs in (("samples tuned for", self.common), ("fresh samples", self.fresh)):
+        for words, designs in (("samples of the tuning", self.common), ("fresh samples", self.fresh)):
+            described = describe(designs)
+            start = next(iter(described.values()))["mean"]
             rows = []
-            for name, entry in describe(designs).items():
-                means = {
-                    key: f"{entry[key]:.4g} ({entry[f'{key}_low']:.4g} to {entry[f'{key}_high']:.4g})"
-                    for key in ("mean", *(("change",) if entry["change"] else ()))
-                }
-                numbers = [f"{entry[key]:.4g}" for key in COLUMNS[1:-1]]
-                rows.append([name, means["mean"], *numbers, means.get("change", "")])
+            for name, entry in described.items():
+                half = {key: (entry[f"{key}_high"] - entry[f"{key}_low"]) / 2 for key in ("mean", "change")}
+                numbers = [f"{entry[key]:.3g}" for key in ("median", "95 %", "largest", "diverged")]
+                change = f"{100 * entry['change'] / start:+.1f}{PLUS_MINUS}{100 * half['change'] / start:.1f}"
+                interval = f"{100 * half['mean'] / entry['mean']:.1f}"
+                rows.append(
+                    [name, f"{entry['mean']:.3g}", interval, *numbers, change if entry["change"] else ""]
+                )
             count = len(next(iter(designs.values())))
-            content.append(Table(f"objective on {count} {words}", ("tuned", *COLUMNS), rows))
+            content.append(Table(f"objective on {count} {words}", COLUMNS, rows))
+        content.append(
+            "Gains: the scenario's (start), tuned without uncertainty (nominal), tuned for it (robust). "
+            f"{PLUS_MINUS}: 95 % interval; change: of the mean, from the start's, on the same samples."
+        )
         return content
 
     def __repr__(self) -> str:
@@ -325,8 +332,9 @@ class RobustTuningResult(Tabular):
         return f"<RobustTuningResult {name}: {self.statistic.kind} {self.objective:.6g}; {gains}>"
 
 
-COLUMNS = ("mean (95 % interval)", "median", "95 %", "largest", "diverged", "change of the mean")
-"""Headings of a design's statistics."""
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+COLUMNS = ("gains", "mean", f"{PLUS_MINUS} [%]", "median", "95 %", "largest", "diverged", "change [%]")
+"""Headings of designs' statistics."""
 
 
 def describe(designs: Mapping[str, Array]) -> dict[str, dict[str, float]]:

@@ -27,6 +27,15 @@ def console() -> Console:
     return _Console(highlight=False, width=width_of_output())
 
 
+NARROW = 96
+"""Columns below which tables omit intervals and lesser columns."""
+
+
+def is_narrow() -> bool:
+    """Whether the terminal is narrower than :data:`NARROW`."""
+    return console().width < NARROW
+
+
 def print_error(message: str) -> None:
     """Print an error on stderr in one line, without wrapping."""
     line = " ".join(message.split())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import sys
 import textwrap
@@ -25,8 +26,8 @@ LEAST_WIDTH = 20
 LEAST_PROSE = (16, 12, 9)
 """Minimum widths of long texts in a narrow table. The first one is used with which all columns fit, or else
 the first of all."""
-GAP = 3
-"""Width of padding and separator for each column of a table."""
+GAPS = (3, 2)
+"""Width of padding and separator for each column of a table: as a rule, and where the table fits only so."""
 
 
 def width_of_output() -> int | None:
@@ -54,7 +55,9 @@ def print_content(content: Iterable[Content], console: Console) -> None:
         elif part.has_headings:
             console.print(TextTable(part.title, part.headings, part.rows, part.keys))
         elif any(len(row) > 1 for row in part.rows):
-            console.print(pairs(part.title, part.rows, console.width))
+            if part.title:  # Rich would wrap it to the width of the rows
+                console.print(f"\n{escape(part.title)}", style="table.title")
+            console.print(pairs(part.rows, console.width))
         else:
             console.print(f"\n{escape(part.title or '')}", style="bold")
             for (text,) in part.rows:
@@ -100,25 +103,33 @@ class TextTable:
         """Yield the blocks of the table as Rich tables."""
         columns = list(zip(self.headings, *self.rows, strict=True))
         layouts = []
-        for prose in LEAST_PROSE:
+        for gap, prose in itertools.product(GAPS, LEAST_PROSE):
             bounds = [_bounds(column, prose) for column in columns]
             # indices of the columns in each block, by their minimum widths
             blocks = [list(range(self.keys))]
             for place in range(self.keys, len(bounds)):
-                least = sum(bounds[other][0] + GAP for other in (*blocks[-1], place))
+                least = sum(bounds[other][0] + gap for other in (*blocks[-1], place))
                 if least > options.max_width - 1 and len(blocks[-1]) > self.keys:
                     blocks.append(list(range(self.keys)))
                 blocks[-1].append(place)
-            layouts.append((bounds, blocks))
-        bounds, blocks = next((layout for layout in layouts if len(layout[1]) == 1), layouts[0])
+            layouts.append((gap, bounds, blocks))
+        one_block = [layout for layout in layouts if len(layout[2]) == 1]
+        # rather narrow gaps than cells that wrap
+        unwrapped = [
+            (gap, bounds, blocks)
+            for gap, bounds, blocks in one_block
+            if sum(max(bound[:2]) + gap for bound in bounds) < options.max_width
+        ]
+        gap, bounds, blocks = [*unwrapped, *one_block, layouts[0]][0]
         for k, places in enumerate(blocks):
-            room = options.max_width - 1 - GAP * len(places)
+            room = options.max_width - 1 - gap * len(places)
             block = [columns[place] for place in places]
             rich_table = RichTable(
                 title=escape(self.title) if self.title and k == 0 else None,
                 title_justify="left",
                 header_style="bold",
                 box=SIMPLE_HEAD,
+                padding=(0, 1, 0, gap - 2),
             )
             for column, width in zip(block, _shared([bounds[place] for place in places], room), strict=True):
                 rich_table.add_column(escape(column[0]), overflow="fold", width=width)
@@ -127,11 +138,9 @@ class TextTable:
             yield rich_table
 
 
-def pairs(title: str | None, rows: Sequence[Sequence[str]], width: int) -> RichTable:
+def pairs(rows: Sequence[Sequence[str]], width: int) -> RichTable:
     """Rich table of two columns without headings, names and values, in a width."""
     rich_table = RichTable(
-        title=escape(title) if title else None,
-        title_justify="left",
         show_header=False,
         box=None,
         pad_edge=False,

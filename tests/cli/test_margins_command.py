@@ -39,6 +39,16 @@ def test_tables_and_diagrams_at_instants(margins, tmp_path):
     assert xr.load_dataset(tmp_path / "margins.nc").phase.sel(loop="torque/arm/joint_1").size == 2
 
 
+def test_a_wide_terminal_shows_crossovers_and_a_narrow_one_each_loop_once(margins, monkeypatch):
+    narrow = margins("--at", 0)[1]
+    monkeypatch.setenv("COLUMNS", "120")
+    wide = margins("--at", 0)[1]
+    for out in (narrow, wide):
+        assert sum("torque/arm/joint_1" in line for line in out.splitlines()) == 1
+    assert "crossover" in wide
+    assert "crossover [Hz]" not in narrow
+
+
 def test_margins_over_time(margins, tmp_path):
     code, out, _ = margins("--along", 10, "--out", tmp_path)
     assert code == 0

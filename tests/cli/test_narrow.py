@@ -46,9 +46,9 @@ def tables(monkeypatch):
         made.append((headings, rows))
         return table(title, headings, rows, keys)
 
-    def noted(title, rows, width):
+    def noted(rows, width):
         made.append(((), rows))
-        return pairs(title, rows, width)
+        return pairs(rows, width)
 
     monkeypatch.setattr(text_tables, "TextTable", recorded)
     monkeypatch.setattr(text_tables, "pairs", noted)
@@ -104,6 +104,29 @@ def test_a_table_that_is_cut_repeats_what_names_its_rows(monkeypatch):
     made = text_tables.TextTable(None, ["problem", "to", *(f"method-{k}" for k in range(9))], rows, keys=2)
     lines = printed(monkeypatch, 80, lambda console: console.print(made))
     assert sum("problem-a   1 %" in line for line in lines) == 2
+
+
+def test_a_table_that_fits_only_with_narrow_gaps_is_not_cut(monkeypatch):
+    columns = [f"heading-{k:03}" for k in range(6)]
+    made = text_tables.TextTable(None, columns, [["123456789.0"] * 6])
+    for width, gap, count in ((86, 3, 1), (80, 2, 1), (70, 3, 2)):
+        lines = printed(monkeypatch, width, lambda console: console.print(made))
+        (first, *others) = [line for line in lines if "heading" in line]
+        assert ("heading-000" + " " * gap + "heading-001") in first
+        assert len(others) == count - 1
+
+
+def test_gaps_become_narrow_before_cells_wrap(monkeypatch):
+    made = text_tables.TextTable(None, ["a", "b"], [["one two three four five", "one two three four"]])
+    for width, count in ((48, 1), (46, 1), (43, 2)):
+        lines = printed(monkeypatch, width, lambda console: console.print(made))
+        assert sum("o" in line or "f" in line for line in lines[2:]) == count, width
+
+
+def test_a_title_of_pairs_is_not_wrapped_to_the_width_of_the_rows(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    output.show([Table.of_pairs("a title that is longer than the rows", [("name", "1")])])
+    assert "a title that is longer than the rows" in capsys.readouterr().out
 
 
 LONG = "robots.servicer_with_a_name.tips.gripper"

@@ -28,16 +28,17 @@ MARKS = {
 """Letter and meaning of each outcome in the map of a campaign, limits of quantities aside."""
 
 
-def campaign_content(summary: Mapping[str, Any]) -> list[Content]:
+def campaign_content(summary: Mapping[str, Any], *, narrow: bool = False) -> list[Content]:
     """Probabilities of failure, percentiles, sensitivities and worst samples of a campaign.
 
     Args:
         summary: Data of ``summary.json``.
+        narrow: Whether the intervals of percentiles are omitted.
     """
     content: list[Content] = [failing(name, of_set, summary) for name, of_set in summary["gains"].items()]
     content.append(failure_table(summary))
     for name, of_set in summary["gains"].items():
-        content.append(percentile_table(name, of_set, summary))
+        content.append(percentile_table(name, of_set, summary, narrow=narrow))
         if of_set["plans"] is not None:
             content.append(f"{name}: {plan_text(of_set['plans'])}")
         content.append(f"{name}: sensitivity, as rank correlation or share of the variance")
@@ -85,18 +86,25 @@ def failure_table(summary: Mapping[str, Any]) -> Table:
     return Table(f"{summary['name']}: {summary['samples']} samples, {summary['design']}; {kind}", heads, rows)
 
 
-def percentile_table(name: str, entry: Mapping[str, Any], summary: Mapping[str, Any]) -> Table:
-    """Percentiles of every metric with one set of gains."""
+def percentile_table(
+    name: str, entry: Mapping[str, Any], summary: Mapping[str, Any], *, narrow: bool = False
+) -> Table:
+    """Percentiles of every metric with one set of gains, with their intervals unless ``narrow``."""
     metrics = entry["metrics"]
     heads = ["", *(f"{q['percent']:g} %" for q in metrics[0]["percentiles"]), "largest"]
     rows = []
     for row in metrics:
         factor, unit = unit_scale(str(row["unit"]))
-        estimates = [_estimate(q, factor).replace(" (", "\n(") for q in row["percentiles"]]
+        if narrow:
+            estimates = [_number(q["value"], factor) for q in row["percentiles"]]
+        else:
+            estimates = [_estimate(q, factor).replace(" (", "\n(") for q in row["percentiles"]]
         place = f"{place_of(row['metric'], row['of'])} [{unit}]"
         rows.append([place, *estimates, _number(row["largest"], factor)])
     level = f"{100 * summary['confidence']:g} %"
     intervals = f", {level} intervals in brackets (one-sided where the samples give no bound)"
+    if narrow:
+        intervals = f"; the report has their {level} intervals"
     return Table(f"{name}: percentiles{intervals if summary['intervals'] else ''}", heads, rows)
 
 

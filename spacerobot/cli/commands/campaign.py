@@ -11,7 +11,7 @@ import spacerobot as sr
 from spacerobot.cli.command import TUNE, Command
 from spacerobot.cli.commands.animate import serve
 from spacerobot.cli.options import Changes, Machines, Port, ScenarioName, Threads, View, load
-from spacerobot.cli.output import console, progress, show, warn
+from spacerobot.cli.output import console, is_narrow, progress, show, warn
 from spacerobot.common.interrupts import keep
 
 if TYPE_CHECKING:
@@ -95,7 +95,11 @@ def command(
         if summary is not None and page:
             sr.report(result, out / "report.html", progress=tell)
     if summary is not None:
-        show(result)
+        from optim.campaign.analysis.tables import campaign_content
+
+        for notice in result.notices():
+            warn(notice)
+        show(campaign_content(summary, narrow=is_narrow()))
         console().print()
         for statistics in summary["gains"].values():  # commands are copied as one line
             console().print(f"reproduce: {statistics['worst'][0]['command']}\n", markup=False, soft_wrap=True)

@@ -21,7 +21,7 @@ from spacerobot.cli.options import (
     load,
     reported_at,
 )
-from spacerobot.cli.output import console, show, warn
+from spacerobot.cli.output import console, is_narrow, show, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
 from spacerobot.common.registry import TUNING_METHODS
 
@@ -157,15 +157,11 @@ def command(
         serve([out], port)
 
 
-NARROW = 96
-"""Columns below which running times are printed without their intervals."""
-
-
 def show_comparison(data: Mapping[str, Any]) -> None:
     """Print the tables of a comparison in the width of the terminal."""
     from optim.comparison.tables import comparison_content
 
-    show(comparison_content(data, narrow=console().width < NARROW))
+    show(comparison_content(data, narrow=is_narrow()))
 
 
 def _refuse(kind: str, options: Mapping[str, object]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import typer
@@ -9,8 +11,9 @@ import typer
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
 from spacerobot.cli.options import Changes, Out, ScenarioName, arguments_as_options, load
-from spacerobot.cli.output import print_next, progress, show
+from spacerobot.cli.output import is_narrow, print_next, progress, show
 from spacerobot.common.errors import ScenarioError
+from spacerobot.common.tables import Content, Table
 
 At = Annotated[
     list[str] | None,
@@ -111,10 +114,23 @@ def command(
                 tell("drawing")
                 sr.figures(result, out / "figures", formats=("pdf", "png", "svg"))
                 result.save(out)
-    show(result)
+    show(_narrow(result.content()) if is_narrow() else result)
     if out is not None and isinstance(result, sr.MarginAnalysis):
         words = f"margins.nc and figures in {out}; `spacerobot report {out}` makes a page of them"
         print_next(words)
+
+
+def _narrow(content: Sequence[Content]) -> list[Content]:
+    """Content without the crossover frequencies, and with each note once, at the end."""
+    tables: list[Content] = []
+    notes = dict.fromkeys(part for part in content if isinstance(part, str))
+    for part in content:
+        if isinstance(part, Table) and part.headings and part.headings[-1] == "crossover [Hz]":
+            rows = [row[:-1] for row in part.rows]
+            tables.append(replace(part, headings=part.headings[:-1], rows=rows))
+        elif not isinstance(part, str):
+            tables.append(part)
+    return [*tables, *notes]
 
 
 def _instant(text: str) -> float | str:

@@ -98,7 +98,7 @@ def test_dask_changes_no_bit(small, problems, forked_workers):
 
 
 def test_what_cannot_be_is_told(small, problems):
-    with pytest.raises(SpaceRobotError, match="no robust tuning by manual"):
+    with pytest.raises(SpaceRobotError, match="found 'manual', which cannot tune robustly; allowed: "):
         tune_robust(problems["mean"], "manual")
     with pytest.raises(ScenarioError, match="no tuning section"):
         build_robust(small())
