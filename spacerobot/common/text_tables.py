@@ -56,7 +56,7 @@ def print_content(content: Iterable[Content], console: Console) -> None:
             console.print(TextTable(part.title, part.headings, part.rows, part.keys))
         elif any(len(row) > 1 for row in part.rows):
             if part.title:  # Rich would wrap it to the width of the rows
-                console.print(f"\n{escape(part.title)}", style="table.title")
+                console.print(escape(part.title), style="table.title")
             console.print(pairs(part.rows, console.width))
         else:
             console.print(f"\n{escape(part.title or '')}", style="bold")

@@ -93,7 +93,7 @@ def check_same_scenario(folder: StrPath, scenario: str) -> None:
         raise ResultError(
             f"holds a result of the scenario {name!r}, which that of {scenario!r} would replace; name "
             "another folder, or remove this one",
-            source=folder,
+            source=Path(folder),
         )
 
 
