@@ -293,15 +293,10 @@ class KindList(Tabular):
                 for family, sections in self.kinds.items()
                 for name, section in sections.items()
             ]
-        rows = [
-            (_words(family), name, summary)
+        return [
+            Table(_words(family), ("kind", "description"), list(summaries.items()))
             for family, summaries in self.summaries.items()
-            for name, summary in summaries.items()
         ]
-        if len(self.kinds) == 1:
-            (family,) = self.kinds
-            return [Table(_words(family), ("kind", "description"), [row[1:] for row in rows])]
-        return [Table(None, ("family", "kind", "description"), rows)]
 
     def __repr__(self) -> str:
         """Numbers of families and kinds, in one line."""

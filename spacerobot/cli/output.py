@@ -78,7 +78,12 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
 
 
 def print_next(text: str) -> None:
-    """Print the files that a command wrote, or the next command, in one line that can be copied."""
+    """Print the files that a command wrote and the next commands, so that lines can be copied.
+
+    In a terminal that is narrower than the text, each command begins a line.
+    """
+    if len(text) > console().width:
+        text = text.replace("; `", "\n`")
     console().print(text, markup=False, soft_wrap=True)
 
 

@@ -123,6 +123,14 @@ def test_gaps_become_narrow_before_cells_wrap(monkeypatch):
         assert sum("o" in line or "f" in line for line in lines[2:]) == count, width
 
 
+def test_files_and_next_commands_are_on_lines_of_their_own_where_they_do_not_fit(monkeypatch, capsys):
+    text = "figures in out/margins; `spacerobot report out/margins` makes a page of them"
+    for width, lines in (("80", [text]), ("60", text.replace("; ", "\n").splitlines())):
+        monkeypatch.setenv("COLUMNS", width)
+        output.print_next(text)
+        assert capsys.readouterr().out.splitlines() == lines
+
+
 def test_a_title_of_pairs_is_not_wrapped_to_the_width_of_the_rows(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     output.show([Table.of_pairs("a title that is longer than the rows", [("name", "1")])])

@@ -150,7 +150,7 @@ def command(
     advise("")
     show(result)
     if out is not None:
-        following = "" if pareto else f"`spacerobot run {out}/followed.yaml` simulates the plan, "
+        following = "" if pareto else f"`spacerobot run {out}/followed.yaml` simulates the plan; "
         print_next(f"\n{files} in {out}; {following}`spacerobot report {out}` makes a page")
     if view and out is not None:
         serve([out], port)
