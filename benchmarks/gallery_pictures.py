@@ -18,6 +18,9 @@ FILMS_PX = {"capture": (480, 300), "docking": (480, 290)}
 """Width and height [pixels] of the film of each scenario."""
 
 PICTURE_PX, JPEG_QUALITY = (960, 540), 85
+DRAWN_PX, PIXEL_RATIO = (1728, 972), 3.0
+"""Size at which a picture is drawn before it is reduced, and how much larger than usual its texts are: on a
+telephone it is 350 pixels wide."""
 
 
 class Picture(NamedTuple):
@@ -50,7 +53,9 @@ def main(*files: str) -> None:
         if not files or f"space_{name}.jpg" in files:
             with tempfile.TemporaryDirectory() as folder:
                 poster = Path(folder) / "poster.png"
-                write_poster(simulate(load_scene(scenario)), poster, at=at)
+                write_poster(
+                    simulate(load_scene(scenario)), poster, at=at, size_px=DRAWN_PX, pixel_ratio=PIXEL_RATIO
+                )
                 picture = Image.open(poster).convert("RGB").resize(PICTURE_PX, Image.Resampling.LANCZOS)
             picture.save(IMAGES / f"space_{name}.jpg", quality=JPEG_QUALITY, optimize=True)
 

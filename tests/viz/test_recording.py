@@ -104,3 +104,16 @@ def test_a_page_is_recorded_as_it_is_seen(paper):
     assert first.shape == (200, 320, 3)
     assert (np.abs(later - first).max(axis=2) > 40).mean() > 0.01
     assert (first == again).all()
+
+
+@pytest.mark.skipif(
+    browser_program() is None, reason="no Chromium on this computer: the page was not recorded"
+)
+def test_texts_of_a_picture_that_is_shown_small_are_larger(paper):
+    payload, light = animation(paper), []
+    for pixel_ratio in (1, 2):
+        (content,) = page_pictures(payload, [0.0], (640, 400), kind="png", pixel_ratio=pixel_ratio)
+        picture = np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
+        assert picture.shape == (400, 640, 3)
+        light.append((picture[-60:].min(axis=2) > 200).sum())  # letters of the caption
+    assert light[1] > 2 * light[0] > 0, light

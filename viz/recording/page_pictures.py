@@ -22,9 +22,9 @@ OPENED_PX = 640
 """Largest width of a page when it opens [pixels]."""
 
 
-def resize(browser: Browser, width: int, height: int) -> None:
-    """Set the size of the page [pixels]."""
-    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+def resize(browser: Browser, width: int, height: int, pixel_ratio: float = 1.0) -> None:
+    """Set the size of the page [pixels], and the pixels of the screen per pixel of the page."""
+    size = {"width": width, "height": height, "deviceScaleFactor": pixel_ratio, "mobile": False}
     browser.call("Emulation.setDeviceMetricsOverride", **size)
 
 
@@ -35,6 +35,7 @@ def page_pictures(
     *,
     level: int = MOVING,
     kind: str = "jpeg",
+    pixel_ratio: float = 1.0,
 ) -> Iterator[bytes]:
     """Encoded pictures of a page's scene at some times, without text and charts.
 
@@ -44,6 +45,7 @@ def page_pictures(
         size_px: Width and height [pixels].
         level: Level of detail, 0 for the finest.
         kind: ``jpeg`` or ``png``.
+        pixel_ratio: Pixels of a picture per pixel of the page, by which texts are enlarged.
 
     Raises:
         ResultError: If there is no Chromium, or it cannot draw in three dimensions.
@@ -56,15 +58,16 @@ def page_pictures(
         file.write_text(page(payload), encoding="utf-8")
         browser.call("Page.enable")
         # small until the page is staged: it draws itself until then
+        page_width, page_height = width / pixel_ratio, height / pixel_ratio
         small = min(1.0, OPENED_PX / width)
-        resize(browser, round(small * width), round(small * height))
+        resize(browser, round(small * page_width), round(small * page_height), pixel_ratio)
         browser.call("Page.navigate", url=f"{file.as_uri()}#t=0&play=0&quality={level}")
         browser.wait_for(_READY)
         if browser.evaluate("document.body.classList.contains('blind')"):
             raise ResultError(
                 "this Chromium cannot draw in three dimensions; record with the built-in renderer"
             )
-        resize(browser, width, height)
+        resize(browser, round(page_width), round(page_height), pixel_ratio)
         browser.evaluate(f"spacerobotFilm.begin({level})")
         for time in times:
             picture = browser.evaluate(f"spacerobotFilm.picture({time:.9g}, {width}, 'image/{kind}')")

@@ -109,13 +109,22 @@ def write_recording(
     note_derived([result.folder], [path])
 
 
-def write_poster(result: Result, path: StrPath, *, at: float | None = None) -> None:
+def write_poster(
+    result: Result,
+    path: StrPath,
+    *,
+    at: float | None = None,
+    size_px: tuple[int, int] = POSTER,
+    pixel_ratio: float = 1.0,
+) -> None:
     """Write one picture of a result as PNG, with the finest level of detail.
 
     Args:
         result: Result to show.
         path: File with the suffix ``.png``.
         at: Time [s]; None takes the first capture, or the middle if there is none.
+        size_px: Width and height [pixels].
+        pixel_ratio: Factor by which Chromium enlarges texts, for pictures that are shown small.
 
     Raises:
         ResultError: If the result has no such time, or the file cannot be written.
@@ -127,9 +136,11 @@ def write_poster(result: Result, path: StrPath, *, at: float | None = None) -> N
     captures = [e["time_s"] for e in result.summary.get("events", ()) if e["kind"] == "captured"]
     time = at if at is not None else float(min(captures, default=duration / 2))
     if browser_program() is not None:
-        (content,) = page_pictures(animation(result), [time], POSTER, level=FINE, kind="png")
+        (content,) = page_pictures(
+            animation(result), [time], size_px, level=FINE, kind="png", pixel_ratio=pixel_ratio
+        )
     else:
-        pictures, buffer = frames(result, rate_hz=1e6, size_px=POSTER), io.BytesIO()
+        pictures, buffer = frames(result, rate_hz=1e6, size_px=size_px), io.BytesIO()
         pictures.picture(int(np.abs(pictures.motion.time - time).argmin())).save(buffer, "PNG")
         content = buffer.getvalue()
     write_bytes(path, content)

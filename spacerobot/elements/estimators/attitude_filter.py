@@ -312,7 +312,7 @@ class _AttitudeFilterLaw:
             "bias_estimate_error": (
                 errors[n:],
                 "rad/s",
-                "true less estimated biases of gyros, axes of the base",
+                "true minus estimated gyro bias, base axes",
             ),
             "bias_estimate_deviation": (deviation[n:], "rad/s", "standard deviation of bias estimates"),
         }

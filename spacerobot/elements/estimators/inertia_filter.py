@@ -372,7 +372,7 @@ class _InertiaFilterLaw:
         } | ({} if self.planar else {"products": ("kg m^2", [7, 8, 9], [0, 1, 2])})
         for key, (unit, columns, at) in places.items():
             for kind, values, text in (
-                ("error", error, "true less estimated"),
+                ("error", error, "true minus estimated"),
                 ("deviation", deviation, "standard deviation of the estimated"),
             ):
                 value = ca.SX(1 if key == "mass" else 3, 1)

@@ -455,7 +455,7 @@ class _TargetFilterLaw:
         )
         for (key, unit, text, axes), first in zip(texts, (0, m, 2 * m, 2 * m + n), strict=True):
             for kind, values, prefix in (
-                ("error", error, "true less estimated, "),
+                ("error", error, "true minus estimated, "),
                 ("deviation", deviation, "standard deviation "),
             ):
                 vector = ca.SX(3, 1)
