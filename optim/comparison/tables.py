@@ -198,7 +198,7 @@ def prices(benchmark: Data) -> str:
 LEGEND = (
     "Targets: relative gap to the best known value over all methods and runs of the problem. Expected "
     "running time: total cost of all runs divided by the number of runs that reached the target. Costs are "
-    "in rollouts, of all runs together in the column spent. nlp_ga is charged all runs of the GA that it "
+    "in rollouts, of all runs together in the column cost. nlp_ga is charged all runs of the GA that it "
     "starts from. manual knows no bounds and is not ranked. Times are of this machine, under its load."
 )
 

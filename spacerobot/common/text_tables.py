@@ -15,6 +15,7 @@ from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markup import escape
 from rich.table import Table as RichTable
+from rich.text import Text
 from rich.tree import Tree as RichTree
 
 from spacerobot.common.tables import Content, Tree
@@ -121,12 +122,12 @@ class TextTable:
             if sum(max(bound[:2]) + gap for bound in bounds) < options.max_width
         ]
         gap, bounds, blocks = [*unwrapped, *one_block, layouts[0]][0]
-        for k, places in enumerate(blocks):
+        if self.title:  # as a title of Rich's table, it would wrap to the width of the columns
+            yield Text(self.title, style="table.title")
+        for places in blocks:
             room = options.max_width - 1 - gap * len(places)
             block = [columns[place] for place in places]
             rich_table = RichTable(
-                title=escape(self.title) if self.title and k == 0 else None,
-                title_justify="left",
                 header_style="bold",
                 box=SIMPLE_HEAD,
                 padding=(0, 1, 0, gap - 2),
