@@ -342,7 +342,7 @@ def test_help_is_quick_to_load_nothing_heavy():
 
 
 def test_every_command_has_an_example(spacerobot):
-    command_line.cache_clear()  # other tests ask commands for their help option without their group's settings
+    command_line.cache_clear()  # another test may have asked for the help option without the group
     commands = "run check animate figures report paper tune sweep compare campaign scenarios make-arm schema"
     for command in commands.split():
         code, out, err = spacerobot(command, "-h")
