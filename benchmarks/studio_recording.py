@@ -24,6 +24,7 @@ COLOURS = {Image.Quantize.MEDIANCUT: 96, Image.Quantize.MAXCOVERAGE: 48}
 """Numbers of colours of the recording: frequent ones, for the sky, and distant ones, for thin lines."""
 BAR = "document.querySelector('.slider input[type=range]')"
 WORDS = "document.querySelector('#jobs .words').textContent"
+EXACT = "!/being computed|finite differences/.test(document.getElementById('slopes-notice').textContent)"
 SETTLED = "!document.getElementById('status').classList.contains('busy')"
 
 
@@ -38,7 +39,7 @@ def record(browser: Browser, url: str) -> list[tuple[Image.Image, int]]:
     browser.call("Emulation.setEmulatedMedia", features=dark)
     browser.call("Page.navigate", url=f"{url}#t=3.2&play=0")
     browser.wait_for("document.querySelector('.slider .gradient')?.textContent.includes('+10 %')")
-    browser.wait_for("document.getElementById('slopes-notice').hidden")
+    browser.wait_for(EXACT)
     browser.evaluate("document.getElementById('sort').click()")
     pictures = [(_picture(browser), 1500)]
     begin, end = (int(browser.evaluate(f"{BAR}.value")), 250)
