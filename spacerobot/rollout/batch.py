@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from typing import Protocol, TypedDict
@@ -77,6 +77,7 @@ class Control:
         accuracy: Whether derivatives are computed again with half the step, so that their status reports
             errors due to the step. This takes three times as long; without it the status is ``unchecked``.
             The value of ``orders`` if None.
+        compared: Paths of the derivatives that this comparison covers; all if None.
         backwards: Whether coincident events fire in the reverse order.
     """
 
@@ -85,6 +86,7 @@ class Control:
     stop: Stop | None = None
     orders: bool = True
     accuracy: bool | None = None
+    compared: Collection[str] | None = None
     backwards: bool = False
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Unpack
 
@@ -230,6 +230,7 @@ class Rollout(Tabular):
         costs: Sequence[str] | None = None,
         orders: bool = True,
         accuracy: bool | None = None,
+        compared: Collection[str] | None = None,
     ) -> Gradient:
         """Costs of one rollout and their exact gradients, by the discrete adjoint.
 
@@ -240,12 +241,12 @@ class Rollout(Tabular):
             parameters: Parameter values; see :meth:`values`.
             wrt: Paths of the k parameters to differentiate with respect to.
             costs: Names of the costs; all if None.
-            orders, accuracy: Derivative checks; see :class:`~spacerobot.rollout.batch.Control`.
+            orders, accuracy, compared: Derivative checks; see :class:`~spacerobot.rollout.batch.Control`.
 
         Raises:
             SpaceRobotError: A path or a cost does not exist, or there is no cost.
         """
-        control = Control(orders=orders, accuracy=accuracy)
+        control = Control(orders=orders, accuracy=accuracy, compared=compared)
         row = self._gradients(self.values(parameters)[None, :], tuple(wrt), costs, False, control)
         return replace(
             row,
@@ -424,12 +425,16 @@ class Rollout(Tabular):
             again(rows, {"threads": control.threads, "stop": control.stop, "orders": False}) if rows else {}
         )
         slopes, values = allowed
+        columns = [i for i, path in enumerate(wrt) if control.compared is None or path in control.compared]
+        paths = [wrt[i] for i in columns]
         for k, row in enumerate(rows):
             coarse, fine = (
-                {name: part[i] for name, part in one.items()} for one, i in ((slopes, row), (finer, k))
+                {name: part[i][..., columns] for name, part in one.items()}
+                for one, i in ((slopes, row), (finer, k))
             )
             sizes = {name: values[name][row] for name in slopes}
-            statuses_by_row[row] = inaccurate(coarse, fine, sizes, p[row, self.indices(wrt)], wrt) or "exact"
+            reason = inaccurate(coarse, fine, sizes, p[row, self.indices(paths)], paths) if paths else ""
+            statuses_by_row[row] = reason or "exact"
         return tuple(statuses_by_row)
 
     def _gradients(

@@ -6,7 +6,7 @@ A compiler, if installed, works in the background; until it has finished, rollou
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -129,10 +129,12 @@ class PreparedDesign:
         return tuple(sorted(self.free))
 
     def gradient(
-        self, numbers: Mapping[str, float], metric: Metric
+        self, numbers: Mapping[str, float], metric: Metric, shown: Collection[str] | None = None
     ) -> tuple[float | None, dict[str, float | None], str]:
-        """A metric, its derivative by the path of each number that follows, and whether that is exact."""
-        evaluation = self.ready.rollout.value_and_gradient(numbers, wrt=self._wrt, costs=[metric.key])
+        """A metric, its derivatives by path, and whether those by ``shown`` paths are exact (all if None)."""
+        evaluation = self.ready.rollout.value_and_gradient(
+            numbers, wrt=self._wrt, costs=[metric.key], compared=shown
+        )
         slopes = (_finite(metric.factor * slope) for slope in evaluation.gradients[metric.key])
         value = _finite(metric.factor * float(evaluation.costs[metric.key]))
         return value, dict(zip(self._wrt, slopes, strict=True)), evaluation.status[0]

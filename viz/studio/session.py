@@ -354,7 +354,7 @@ class StudioSession:
         answer = {"type": "gradient", "seq": request.seq, "metric": metric.key}
         status = "differences"
         if exact:
-            value, slopes, status = plant.gradient(numbers, metric)
+            value, slopes, status = plant.gradient(numbers, metric, missing)
             slopes_by_path = {path: slopes.get(path) for path in missing}
             self._send(page, {**answer, "value": value, "d": slopes_by_path, "status": status})
             missing = [path for path in missing if slopes_by_path[path] is None] if value is not None else []
