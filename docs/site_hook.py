@@ -17,7 +17,7 @@ from spacerobot.common.lazy_names import IMPORT
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
 NAMES = re.compile(r"^<!-- names of ([\w.]+) -->$", re.MULTILINE)
-GENERATED = re.compile(r"^<!-- generated: ([\w ]+) -->$", re.MULTILINE)
+GENERATED = re.compile(r"^<!-- generated: ([\w ]+) -->$(?:\n> .*$)*", re.MULTILINE)
 ROLE = re.compile(r":(?:class|func|meth|mod|data|attr):(?=<code>)")
 
 

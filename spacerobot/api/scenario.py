@@ -269,6 +269,10 @@ def scenario_schema() -> dict[str, Any]:
     return json_schema()
 
 
+QUANTITY, QUANTITIES = "quantity", "quantities"
+"""Name of the family of quantities, and its plural."""
+
+
 @dataclass(frozen=True)
 class KindList(Tabular):
     """Kinds of elements, goals, limits and costs that scenarios may name.
@@ -307,7 +311,8 @@ def list_kinds(name: str | None = None, kind: str | None = None) -> KindList:
     """List the kinds of elements, goals, limits and costs, or the keys of one kind.
 
     Args:
-        name: Family, whose kinds are listed, or kind, whose keys are listed; all kinds if None.
+        name: Family, whose kinds are listed, or kind, whose keys are listed; all kinds if None. The family
+            ``quantity`` has the quantities that simulations and plans measure.
         kind: Kind in the family ``name``, if two families have kinds of the same name.
 
     Raises:
@@ -316,6 +321,10 @@ def list_kinds(name: str | None = None, kind: str | None = None) -> KindList:
     families = _families()
     if name is None:
         return _kind_list(families)
+    if kind is None and name in (QUANTITY, QUANTITIES):
+        return KindList({}, {QUANTITY: _quantities()})
+    if kind is None and name in _quantities():
+        return KindList({}, {QUANTITY: {name: _quantities()[name]}})
     family = name.replace(" ", "_").replace("-", "_")
     if kind is not None and family not in families:
         raise SpaceRobotError(f"no family {name!r}; {near_names(family, families)}")
@@ -328,9 +337,17 @@ def list_kinds(name: str | None = None, kind: str | None = None) -> KindList:
         return _kind_list(homes, keys=True)
     if kind is not None:
         raise SpaceRobotError(f"no kind of {_words(family)} {kind!r}; {near_names(kind, families[family])}")
-    near = get_close_matches(name, {*families, *(each for kinds in families.values() for each in kinds)})
-    help_text = near_names(name, near) if near else f"families: {', '.join(families)}"
+    names = {*families, QUANTITY, *_quantities(), *(each for kinds in families.values() for each in kinds)}
+    near = get_close_matches(name, names)
+    help_text = near_names(name, near) if near else f"families: {', '.join([*families, QUANTITY])}"
     raise SpaceRobotError(f"no family or kind {name!r}; {help_text}")
+
+
+def _quantities() -> dict[str, str]:
+    """Description and unit of each quantity by its name."""
+    from spacerobot.quantities import quantities
+
+    return {name: f"{one.description} [{one.unit}]" for name, one in quantities().items()}
 
 
 def _kind_list(families: dict[str, dict[str, tuple[type[Section], str]]], *, keys: bool = False) -> KindList:

@@ -96,15 +96,13 @@ def shown() -> Iterator[tuple[Callable[[str], None], Progress]]:
         Function that shows the text of a step, and callback for the progress of a search.
     """
     with progress("reading") as tell:
-        begun = [""]
 
         def say(words: str) -> None:
             keep(False)
-            begun[0] = words
             tell(words)
 
         def report(now: SearchProgress) -> None:
             keep()
-            tell(f"{begun[0].split(':')[0]}: {now}")
+            tell(f"searching: {now}")
 
         yield say, report

@@ -298,7 +298,10 @@ class CaptureGeometry:
         costs = plan_costs(until, [joint.damping for joint in arm.chain if joint.name in arm.joints])
         costs |= {"base_rotation": 1} if floating else {}
         limits = required_limits(arm, self.held) | craft.plan_limits
-        brake = {"kind": "brake", "deceleration": 0.01, "spin_deceleration_deg": 0.5}
+        # from the closing speed the brake takes two time constants of the guidance, and at least 2 s: a pulse
+        # of a higher deceleration would be shorter than the steps, and its loads would be missed
+        deceleration = short(min(0.01, 1.5 * speed / max(2.0, 2 / gain)), 2)
+        brake = {"kind": "brake", "deceleration": deceleration, "spin_deceleration_deg": 0.5}
         approach = {"tips": {arm.tip_name: {"reference": reference}}}
         stop: Document = {"controllers": {"guidance": {"payload_fraction": 1}}}
         stop |= {"tips": {arm.tip_name: {"reference": brake}}}

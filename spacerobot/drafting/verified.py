@@ -56,7 +56,8 @@ class Draft(Tabular):
         text: YAML text with comments.
         scene: Scene of the scenario.
         problems: Reasons why the verification failed, for each slowdown; empty if it passed.
-        checks: Results of simulation and linearisation in sentences; empty without a simulation.
+        checks: Results of simulation and linearisation in sentences, and why the draft was slowed down; empty
+            without a simulation.
     """
 
     file: Path
@@ -193,7 +194,7 @@ def _verified(request: DraftRequest, place: Path, tell: Progress, *, capture: bo
         tries.append(f"Slowed down by {slowdown:g}: it divides the bandwidths and multiplies the times.")
     checks = [f"  {check}" for check in verification.checks]
     lines = ["Simulated and linearised before it was written:", *checks, *tries]
-    return Draft(place, _headed(text, lines), scene, (), verification.checks)
+    return Draft(place, _headed(text, lines), scene, (), (*verification.checks, *tries))
 
 
 def _headed(text: str, lines: Sequence[str]) -> str:

@@ -69,7 +69,8 @@ QUANTITIES = (
     Quantity(
         name="miss_distance",
         label="miss distance",
-        description="minimum distance of a tip from its capture point",
+        description="minimum distance of a tip from its capture point while its grasp is open; if it "
+        "is captured, the distance at the capture, within the envelope",
         unit="m",
         reducer="lowest",
         expression=distances,

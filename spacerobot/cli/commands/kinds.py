@@ -33,6 +33,8 @@ def command(
         spacerobot kinds circle
 
         spacerobot kinds actuator base_wrench
+
+        spacerobot kinds quantity
     """
     if markdown:
         from spacerobot.elements.core import kind_table
@@ -42,4 +44,5 @@ def command(
     listed = sr.list_kinds(name, kind)
     show(listed)
     if not listed.keys:
-        print_next("`spacerobot kinds KIND` lists the keys of a kind")
+        hint = "" if name else "; `spacerobot kinds quantity` lists the quantities"
+        print_next(f"`spacerobot kinds KIND` lists the keys of a kind{hint}")
