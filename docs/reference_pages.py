@@ -20,7 +20,7 @@ SECTIONS = 2
 
 def cell(text: str) -> str:
     """Text as one cell of a table."""
-    return re.sub(r"\s+", " ", text).replace("|", "\\|").replace("<", "&lt;")
+    return re.sub(r"[^\S\N{NO-BREAK SPACE}]+", " ", text).replace("|", "\\|").replace("<", "&lt;")
 
 
 SCENARIO_PAGES: dict[str, tuple[str, ...]] = {

@@ -18,7 +18,15 @@ ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
 NAMES = re.compile(r"^<!-- names of ([\w.]+) -->$", re.MULTILINE)
 GENERATED = re.compile(r"^<!-- generated: ([\w ]+) -->$(?:\n> .*$)*", re.MULTILINE)
-ROLE = re.compile(r":(?:class|func|meth|mod|data|attr):(?=<code>)")
+ROLE = re.compile(r":(?:class|func|meth|mod|data|attr):<code>(?:~(?:\w+\.)*)?")
+NAMES_AS_TYPE = re.compile(
+    r"(<b><code>)([^\n]*?,[^\n]*?)(</code></b>)\s*\(<code>\(?(.*?)\)?</code>\)(?=\s*–)"
+)
+"""Several attributes of one line, ``first, second: ...``: the generator takes the second for a type."""
+TITLE = re.compile(r"(?<=>)[^<]*(?=(?:<[^>]*>[^<]*</a>)?</h1>)")
+TAG = re.compile(r"(<[^>]+>)")
+WHOLE = re.compile(r"--[a-z][\w-]*|\d(?:\.\d+)?e-\d+")
+"""Options and powers of ten, at whose hyphens a browser would break the line."""
 
 
 def elsewhere() -> dict[str, str]:
@@ -47,7 +55,7 @@ def on_files(files: Files, config: Any) -> Files:
         text = (ROOT / repository).read_text(encoding="utf-8")
         inclusion = InclusionLevel.INCLUDED
         if repository.endswith(".py"):  # reached from the page of examples
-            text = f"# {Path(repository).name}\n\n```python\n{text}```\n"
+            text = f"---\nhide: [toc]\n---\n# {Path(repository).name}\n\n```python\n{text}```\n"
             inclusion = InclusionLevel.NOT_IN_NAV
         files.append(File.generated(config, site, content=text, inclusion=inclusion))
     return files
@@ -85,6 +93,20 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
     return GENERATED.sub(lambda match: reference_pages.PAGES[match[1]](), named)
 
 
+def unbroken(html: str) -> str:
+    """HTML whose options and numbers stay on one line, outside blocks of code and formulas."""
+    parts = TAG.split(html)
+    block = False
+    for k, part in enumerate(parts):
+        if k % 2:
+            block = (block or part.startswith("<pre")) and part != "</pre>"
+        elif not block and 'class="arithmatex"' not in parts[k - 1]:
+            part = re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", part)
+            parts[k] = WHOLE.sub(r'<span class="whole">\g<0></span>', part)
+    return "".join(parts)
+
+
 def on_page_content(html: str, page: Page, config: Any, files: Files) -> str:
-    """Roles of docstrings (``:func:``) are not shown."""
-    return ROLE.sub("", html)
+    """Docstrings without the marks of roles, with every name of a line; names break at underscores alone."""
+    described = NAMES_AS_TYPE.sub(r"\1\2 \4\3", ROLE.sub("<code>", html))
+    return TITLE.sub(lambda match: match[0].replace("_", "_<wbr>"), unbroken(described))

@@ -90,3 +90,24 @@ def test_names_of_packages_are_in_the_reference(site):
     described = set(re.findall(r'id="[\w.]+\.(\w+)"', pages))
     for package in ("spacerobot", "spacerobot.elements", "optim", "optim.campaign", "viz"):
         assert set(importlib.import_module(package).__all__) - described <= {"__version__"}, package
+
+
+def test_docstrings_are_shown_without_marks_and_with_every_name_of_a_line(site):
+    """A line of a docstring may describe several attributes; none is the type of another."""
+    reference = {page.name: page.read_text() for page in (site / "reference" / "api").glob("*.html")}
+    for name, page in reference.items():
+        assert not re.search(r"<code>~|:(?:class|func):", page), name
+        assert not re.search(r",(?:</span>)?</code></b>\s*\(<code>", page), name
+    bands = re.sub(r"<[^>]+>", "", reference["campaign.html"])
+    assert re.search(r"name, unit\s+–\s+Name and unit of the signal", bands)
+    assert re.search(r"least, low, median, high, greatest\s+–", bands)
+
+
+def test_options_and_numbers_are_not_broken_at_their_hyphens(site):
+    assert '<code><span class="whole">--starts</span>' in (site / "how_to" / "reliability.html").read_text()
+    assert '<span class="whole">2e-6</span>' in (site / "validation" / "margins.html").read_text()
+    assert ">=\N{NO-BREAK SPACE}0.0001," in (
+        site / "reference" / "scenario" / "contacts.html"
+    ).read_text().replace("&gt;", ">")
+    for page in site.rglob("*.html"):
+        assert not re.search(r'class="arithmatex">[^<]*<span class="whole"', page.read_text()), page
