@@ -68,7 +68,7 @@ def changes_named(scenario: str, texts: list[str] | None) -> Iterator[None]:
     try:
         yield
     except ScenarioError as error:
-        place = (error.where or "").removeprefix("--set ")
+        place = (error.where or "").removeprefix("change ")
         unknown = re.match(r"unknown key '([^']*)'", error.message)
         place = f"{place}.{unknown[1]}".lstrip(".") if unknown else place
         paths = {text: text.partition("=")[0].strip() for text in texts or []}

@@ -21,6 +21,8 @@ from spacerobot.common.errors import SpaceRobotError, near_names
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 _REQUIREMENT = "__required__"
+SHIPPED = ("spacerobot.", "optim.", "viz.")
+"""Packages whose classes are checked by type checkers and tests instead."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +85,13 @@ def _marked_names(base: type[Any]) -> tuple[str, ...]:
 
 
 def check_methods(kind: type[Any]) -> None:
-    """Check that a class defines all required methods.
+    """Check that a class defines all required methods, and a plugin's methods the base class's arguments.
 
     Raises:
-        SpaceRobotError: If methods are missing; the message has their names.
+        SpaceRobotError: If methods are missing or have other arguments; the message has their names.
     """
+    if not kind.__module__.startswith(SHIPPED):
+        _check_arguments(kind)
     missing = []
     # only marked names are looked up, since the check runs at every start for every shipped kind
     for name in sorted({name for base in kind.__mro__[1:] for name in _marked_names(base)}):
@@ -99,6 +103,29 @@ def check_methods(kind: type[Any]) -> None:
         raise SpaceRobotError(
             f"lacks the required {parts} {', '.join(missing)}", where=f"{kind.__module__}.{kind.__qualname__}"
         )
+
+
+def _check_arguments(kind: type[Any]) -> None:
+    """Check that the methods of a class can be called as those of its base classes that they override.
+
+    Raises:
+        SpaceRobotError: If a method cannot.
+    """
+    for name, method in vars(kind).items():
+        base = next((vars(each)[name] for each in kind.__mro__[1:] if name in vars(each)), None)
+        if not (inspect.isfunction(method) and inspect.isfunction(base)) or name.startswith("__"):
+            continue
+        own, expected = inspect.signature(method), inspect.signature(base)
+        kinds = {parameter: each.kind for parameter, each in expected.parameters.items()}
+        positional = [name for name, each in kinds.items() if each <= inspect.Parameter.POSITIONAL_OR_KEYWORD]
+        keywords = dict.fromkeys(n for n, each in kinds.items() if each == inspect.Parameter.KEYWORD_ONLY)
+        try:
+            own.bind(*positional, **keywords)
+        except TypeError:
+            place = f"{kind.__module__}.{kind.__qualname__}"
+            names = (", ".join(signature.parameters) for signature in (own, expected))
+            found, allowed = (f"{name}({arguments})" for arguments in names)
+            raise SpaceRobotError(f"found {found}, allowed: {allowed}", where=place) from None
 
 
 class Entry(Protocol):

@@ -401,20 +401,22 @@ class CaptureGeometry:
 
     def _campaign(self, drift: float, latest: float) -> list[str]:
         """Lines of the campaign's section."""
-        size, noise = short(drift, 1), self.spacecraft.noise
+        size, away, noise = short(drift, 1), short(self.way / 10, 1), self.spacecraft.noise
+        axes = "xy" if self.held.planar else "xyz"
         return [
-            "# Uncertain drift and masses: `spacerobot campaign` (docs/how_to/monte_carlo.md)",
+            "# Uncertain place, drift and masses: `spacerobot campaign` (docs/how_to/monte_carlo.md)",
             "campaign:",
             "  parameters:",
             "    object_mass: {paths: 'target.links.*.mass', apply: factor, lower: 0.8, upper: 1.2}",
             "    link_mass: {paths: 'robots.*.links.*.mass', apply: factor, lower: 0.95, upper: 1.05}",
             *(
-                f"    drift_{axis}: {{paths: target.base.velocity.{i}, apply: offset, "
-                f"lower: {-size:g}, upper: {size:g}}}"
-                for i, axis in enumerate("xy")
+                f"    {name}_{axis}: {{paths: target.base.{key}.{i}, apply: offset, "
+                f"lower: {-half:g}, upper: {half:g}}}"
+                for name, key, half in (("place", "position", away), ("drift", "velocity", size))
+                for i, axis in enumerate(axes)
             ),
             *(["    noise: {paths: simulation.noise_draw, lower: 0, upper: 1.0e9}"] if noise else []),
             "  samples: 64",
-            "  metrics: [capture_time, miss_distance]",
+            "  metrics: [capture_time, touchdown_speed, grip_force_peak, joint_torque_peak]",
             f"  limits: {{capture_time: {latest:g}}}   # a missed or later capture is a failure",
         ]

@@ -120,7 +120,9 @@ class ChangedDocument:
             try:
                 changed = assign(self.document, pattern, value)
             except ScenarioError as fault:
-                raise ScenarioError(fault.message, source=self.source, where=f"--set {fault.where}") from None
+                raise ScenarioError(
+                    fault.message, source=self.source, where=f"change {fault.where}"
+                ) from None
         self._has_new_sections |= not self._replaces_number(pattern, value)
         self.document = changed
 

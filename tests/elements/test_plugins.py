@@ -150,6 +150,11 @@ def test_the_pinocchio_engine_runs_a_plugin_from_its_one_file(tmp_path):
                     "    def affine(self, c): return None, 1\n",
                     "Bare: lacks the required method is_ideal",
                 ),
+                (
+                    "Sensor",
+                    "    def affine(self, value, context): pass\n",
+                    "Bare: found affine(self, value, context), allowed: affine(self, context)",
+                ),
                 ("Sensor", "", "lacks the required methods affine, is_ideal"),
                 ("Reference", "", "lacks the required method moved (or motion)"),
                 ("Actuator", "", "lacks the required method build"),

@@ -186,7 +186,7 @@ def test_changes_validated_together_are_those_validated_one_by_one(changes):
     [
         (("simulation.duraton", 1), "simulation: unknown key 'duraton'"),
         (("simulation.duration", "high"), "simulation.duration: found 'high'"),
-        ((f"{TIP}.pdi.kp", 1), f"--set {TIP}.pdi.kp: no 'pdi'"),
+        ((f"{TIP}.pdi.kp", 1), f"change {TIP}.pdi.kp: no 'pdi'"),
     ],
 )
 def test_the_wrong_one_of_many_changes_is_named(wrong, message):

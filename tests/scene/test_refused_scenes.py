@@ -76,8 +76,12 @@ def rigid(kind: str = "weld") -> dict[str, object]:
             "robots.one.joints.slide.angle_deg: not for a prismatic",
         ),
         (PLANAR, {"robots.one.urdf": "arn.urdf"}, "robots.one.urdf: arn.urdf: no such URDF file"),
-        (PLANAR, {"robots.one.tips.nothing.pid.kp": 1}, "--set robots.one.tips.nothing.pid.kp: no 'nothing'"),
-        (PLANAR, {"robots.three.urdf": "arm.urdf"}, "--set robots.three.urdf: no 'three'"),
+        (
+            PLANAR,
+            {"robots.one.tips.nothing.pid.kp": 1},
+            "change robots.one.tips.nothing.pid.kp: no 'nothing'",
+        ),
+        (PLANAR, {"robots.three.urdf": "arm.urdf"}, "change robots.three.urdf: no 'three'"),
         (
             PLANAR,
             {"robots.one.links.link_1.inertia.0": -1},

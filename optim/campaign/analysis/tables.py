@@ -131,14 +131,14 @@ def pair_table(summary: Mapping[str, Any]) -> Table:
     for row in summary["against"]:
         pair = [row["first"], row["second"]]
         if "fails_alone" in row:
-            alone = " / ".join(str(row["fails_alone"][name]) for name in pair)
-            rows.append([*pair, "fails only here", alone])
+            alone = ", ".join(f"{row['fails_alone'][name]} with {name}" for name in pair)
+            rows.append([*pair, "samples that fail with one set alone", alone])
         else:
             better = row["first_is_better"]
             share = "always the same" if better is None else _estimate(better, 100)
             rows.append([*pair, quantity_of(row["metric"]), share])
     level = f"{100 * summary['confidence']:g} %"
-    heads = ("first", "second", "", "first is smaller [%], or samples that fail only here")
+    heads = ("first", "second", "", "smaller with the first [% of samples]")
     return Table(f"on the same samples, {level} intervals in brackets", heads, rows)
 
 

@@ -128,7 +128,9 @@ def caveats(open_ledgers: Mapping[str, Mapping[str, Any]], campaign: Campaign) -
         if entry["count"]:
             passing = entry["not_failed"]
             failing = (
-                "all of them count as failed" if not passing else f"{passing} of them do not count as failed"
+                "all of them count as failed"
+                if not passing
+                else f"{passing} of them nevertheless passed the limits"
             )
             over = {kind for kind, value in entry["largest"].items() if value > LIMITS[kind]}
             faults = ["leave the ledger open"] if over - {DEPTH} else []

@@ -29,7 +29,7 @@ def overview(summary: Summary) -> Table:
         violation = f"{worst['amount']:.1e} {worst['unit']}, {worst['name']} (allowed {worst['allowed']:.1e})"
     avoidance = {"pairs": 0, "kept_apart": ()} | dict(summary["collision_avoidance"])
     apart = ", ".join(" and ".join(names) for names in avoidance["kept_apart"])
-    pairs = f"{avoidance['pairs']} pairs of links apart" + (f", by a constraint {apart}" if apart else "")
+    pairs = f"{avoidance['pairs']} pairs of links apart" + (f"; with a constraint: {apart}" if apart else "")
     rows = [
         ("duration", f"{summary['duration_s']:.6g} s"),
         *((f"  {one['name']}", f"{one['duration_s']:.6g} s") for one in summary["phases"]),

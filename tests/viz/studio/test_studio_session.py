@@ -78,7 +78,7 @@ def test_of_many_designs_only_the_newest_is_rolled_out(page):
     [
         ({KP: -1}, KP, "found -1, allowed: at least 0"),
         ({KP: 1e400}, KP, "allowed: a finite number"),
-        ({"robots.arm.tips.tap.pid.kp": 3}, "--set robots.arm.tips.tap.pid.kp", "did you mean tip"),
+        ({"robots.arm.tips.tap.pid.kp": 3}, "change robots.arm.tips.tap.pid.kp", "did you mean tip"),
         ({KP: 10**400}, KP, "allowed: a finite number"),
         ({"robots.*.tips.tip.pid.kp": 3}, "robots.*.tips.tip.pid.kp", "a pattern"),
         ({"robots.arm.urdf": "/etc/passwd"}, "robots.arm.urdf", "allowed on a page: a URDF that ships"),

@@ -142,7 +142,8 @@ def test_report_finds_out_what_a_folder_holds(told, tmp_path, undrawn):
     done = report(told[0], "--out", tmp_path / "page.html")
     assert done.exit_code == 0, done.output
     assert '<section id="series">' in (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "name it alone" in str(report(told[0], tmp_path).exception)
+    assert "name it alone" in str(report(told[0], told[0]).exception)
+    assert "no result in this folder" in str(report(told[0], tmp_path).exception)
     assert f"holds a campaign, {told[0].name}" in str(report(told[0].parent).exception)
     fault = report(tmp_path / "nowhere").exception
     assert isinstance(fault, ResultError)

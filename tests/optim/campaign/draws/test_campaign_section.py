@@ -105,7 +105,7 @@ def test_draws_that_no_scenario_may_hold_are_refused(small):
     scene = small(campaign={"parameters": {"mass": wide}})
     space = resolve_space(scene, campaign_of(scene))
     check_range(scene, space, [[1.0], [2.0]])
-    told = r"target.links.body.mass: .* found -1.0, allowed: at least 0; cut"
+    told = r"target.links.body.mass: .* found -1.0, allowed: at least 0 \[kg\]; cut"
     with pytest.raises(ScenarioError, match=told):
         check_range(scene, space, [[1.0], [-1.0]])
 
