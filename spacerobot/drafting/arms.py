@@ -191,7 +191,11 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     locked: Document = {other: {"locked": True} for other in others}
     trial = {"urdf": files.urdf, "base": {"joint": "fixed"}, "joints": locked, "mounts": files.mounts}
     trial["tips"] = {"tip": {"frame": link}}
-    scene = scene_of({"robots": {"trial": trial}}, files.source)
+    try:
+        scene = scene_of({"robots": {"trial": trial}}, files.source)
+    except ScenarioError as error:  # of the URDF, not of a scenario that does not exist yet
+        place = (error.where or "").removeprefix("robots.trial").lstrip(".")
+        raise ScenarioError(error.message, source=description.path, where=place or None) from None
     # postures drawn about the middles of the joints' ranges, ranked by the agility of the tip
     free = [joint for joint in chain if joint.mimic is None]
     limited = [bool(np.isfinite(joint.lower) and np.isfinite(joint.upper)) for joint in free]

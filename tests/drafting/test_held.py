@@ -1,6 +1,7 @@
 """Drafted scenarios: they load, run, and their numbers suit the arm."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -171,3 +172,14 @@ def test_joints_of_the_object_are_locked_in_their_range(tmp_path):
         assert f"hinge: {{angle_deg: {np.degrees(0.75):g}, locked: true}}" in text
         assert "free: {locked: true}" in text
         assert not [name for name in scene.model.names if "hinge" in name or "free" in name]
+
+
+def test_an_error_of_an_arm_names_its_urdf_not_a_scenario(tmp_path):
+    file = tmp_path / "bad.urdf"
+    text = find_urdf("short_arm.urdf").read_text(encoding="utf-8")
+    file.write_text(re.sub(r'ixx="[^"]*"', 'ixx="-1"', text))
+    with pytest.raises(SpaceRobotError) as refused:
+        draft_scenario(dataclasses.replace(PLANAR, robots=[str(file)]), tmp_path / "x.yaml")
+    assert str(file) in str(refused.value)
+    assert "trial" not in str(refused.value)
+    assert "x.yaml" not in str(refused.value)
