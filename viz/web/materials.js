@@ -14,7 +14,11 @@ const drawn = {};
 // What a description calls black reflects a little: a body that reflects nothing could not be seen against the sky.
 const DARKEST = 0.055;
 
-export function linear(rgb) { return rgb.map((v) => DARKEST + (1 - DARKEST) * v ** 2.2); }
+// A metal mirrors the dark sky besides, so that a black one has to be lighter than black paint to look alike.
+export function linear(rgb, finish = "paint") {
+  const least = DARKEST / (1 - LOOKS[finish].metalness), light = rgb.map((v) => DARKEST + (1 - DARKEST) * v ** 2.2);
+  return light.map((v, k) => v + Math.max(0, least - Math.max(...light.slice(k - (k % 3), k - (k % 3) + 3))));
+}
 
 export function paint(colour) { return new THREE.Color(colour).convertSRGBToLinear(); }
 

@@ -121,7 +121,7 @@ function surface(geometry, colours, { alpha, finish, side }) {
 // A surface in its own colours, or mostly in another one.
 /** @param {any} surface  @param {string} [colour] */
 export function dye({ geometry, material, userData: { colours } }, colour) {
-  const other = new THREE.Color(colour).toArray(), mixed = linear(colours.map((own, k) => (colour ? own + 0.7 * (other[k % 3] - own) : own)));
+  const other = new THREE.Color(colour).toArray(), mixed = linear(colours.map((own, k) => (colour ? own + 0.7 * (other[k % 3] - own) : own)), material.userData.finish);
   if (!material.vertexColors) { material.color.fromArray(mixed); return; }
   geometry.attributes.color.copyArray(mixed);
   geometry.attributes.color.needsUpdate = true;

@@ -10,7 +10,7 @@ const SEA = [10, 36, 84], GREEN = [52, 74, 38], DRY = [142, 112, 70]; // of the 
 // Where no orbit says where the Earth is, it is a backdrop: 500 km below, its limb so far below the middle of the first view, tilted.
 const BACKDROP = { radius: 6378137, distance: Float32Array.of(6878137), angle: Float32Array.of(0) }, LIMB = (5.5 * Math.PI) / 180, TILT = 0.2;
 const DARK = "#080c14", STUDIO = "#1d2733";
-const SUN = { colour: new THREE.Color(0xfff4e6), strength: 2.2 }, MOON = { colour: new THREE.Color(0xb4c8ff), strength: 0.7 }; // light by day and in the planet's shadow
+const SUN = { colour: new THREE.Color(0xfff4e6), strength: 2.2 }, MOON = { colour: new THREE.Color(0xb4c8ff), strength: 1.2 }; // light by day and in the planet's shadow
 const PENUMBRA = 0.02; // rad around the planet's edge in which the sun fades
 
 export class Space {

@@ -16,6 +16,8 @@ COVERED = f"""(() => {{ {BOX} const stage = named("stage");
   const parts = ["readout", "legend", "magnifier"].map(named);
   return parts.reduce((sum, {{ width, height }}) => sum + width * height, 0) / (stage.width * stage.height);
 }})()"""
+SKY = 8, 12, 20
+"""Red, green and blue of the sky without stars."""
 NAMES = f"""(() => {{ {BOX} const pane = named("pane");
   return [...document.querySelectorAll("#labels .name")].map((name) => [name.hidden,
     box(name).left - pane.left, box(name).top - pane.top,
@@ -64,6 +66,29 @@ def test_the_night_side_of_the_earth_is_no_black_hole(browser, night, tmp_path):
     browser.wait_for("document.body?.dataset.time === '3400.000'")
     brightness = browser.picture().sum(axis=2)
     assert (brightness < 20).mean() < 0.01
+
+
+@pytest.mark.parametrize("material", ["black_paint", "black_steel", "black_foil"])
+def test_a_black_body_is_brighter_than_the_sky(browser, tmp_path, material):
+    """Metal and foil, which mirror the dark sky, are no darker than paint of their colour."""
+    solid = "<origin/><geometry><box size='1 1 1'/></geometry>"
+    (tmp_path / "box.urdf").write_text(
+        f"<robot name='box'><material name='{material}'><color rgba='0.02 0.02 0.02 1'/></material>"
+        f"<link name='body'><visual>{solid}<material name='{material}'/></visual><inertial><mass value='9'/>"
+        "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link></robot>"
+    )
+    robots = "robots: {box: {urdf: box.urdf, base: {joint: free_flyer}}}"
+    (tmp_path / "box.yaml").write_text(f"{robots}\nsimulation: {{duration: 1}}\n")
+    result = simulate(load_scene(tmp_path / "box.yaml"), backend="interpreted")
+    (tmp_path / "page.html").write_text(animation_page(result), encoding="utf-8")
+    browser.open(f"{(tmp_path / 'page.html').as_uri()}#t=1&play=0&quality=0", 1000, 700)
+    browser.wait_for("document.body?.dataset.time === '1.000'")
+    pane = "(({ left, top, width, height }) => [left, top, width, height])(named('pane'))"
+    left, top, width, height = browser.evaluate(f"(() => {{ {BOX} return {pane}; }})()")
+    x, y = int(left + 0.5 * width), int(top + 0.5 * height)
+    around = browser.picture().astype(int).sum(axis=2)[y - 150 : y + 150, x - 150 : x + 150]
+    body = around[abs(around - sum(SKY)) > 3]
+    assert np.quantile(body, 0.01) > 1.5 * sum(SKY)
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (1024, 700), (390, 844)])
