@@ -51,7 +51,7 @@ def effort_of_ga(
 def stop_if_interrupted(outcome: MethodOutcome) -> None:
     """Print a warning and exit with code 130 if Ctrl-C interrupted the search."""
     if outcome.interrupted:
-        warn("interrupted: the best so far is kept")
+        warn("interrupted: this is the best so far")
         raise typer.Exit(130)
 
 

@@ -283,7 +283,7 @@ def stability_words(stable: bool, growth_rate: float) -> str:
         return f"unstable: a mode grows at {growth_rate:.3g} 1/s"
     if growth_rate == 0:
         return "stable"
-    return f"stable, with a slow drift of the motion that grows at {growth_rate:.2g} 1/s"
+    return f"stable; the motion drifts at {growth_rate:.2g} 1/s, no instability of the control"
 
 
 def _instant_tables(label: str, description: str, loops: Iterable[LoopMargins]) -> list[Content]:

@@ -38,6 +38,9 @@ def read_document(path: Path) -> Document:
         raise ScenarioError(f"not UTF-8 text: byte {fault.start} cannot be read", source=path) from None
     except OSError as fault:
         raise ScenarioError(f"cannot be read: {fault.strerror}", source=path) from None
+    if text.lstrip().startswith("<"):
+        message = "is XML, not a scenario; `spacerobot new --robot FILE` drafts a scenario from a URDF"
+        raise ScenarioError(message, source=path)
     document = parse_yaml(text, source=path)
     if not isinstance(document, dict):
         raise ScenarioError(

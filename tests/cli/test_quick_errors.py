@@ -215,3 +215,10 @@ def test_a_wrong_key_or_value_is_reported_without_pinocchio_or_other_kinds(word,
     )
     assert done.stdout.split() == ["2"]
     assert message in " ".join(done.stderr.split())
+
+
+def test_a_urdf_in_place_of_a_scenario_is_told_how_to_draft_one(tmp_path):
+    (tmp_path / "arm.urdf").write_text('<?xml version="1.0"?>\n<robot name="arm"/>\n')
+    (code, *loaded), error = attempt("run", "arm.urdf", folder=tmp_path)
+    assert (code, loaded) == ("2", [])
+    assert "arm.urdf: is XML, not a scenario; `spacerobot new --robot FILE` drafts a scenario" in error

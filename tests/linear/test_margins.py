@@ -213,7 +213,7 @@ def test_a_drift_that_no_loop_causes_is_not_an_instability(kd, stable):
     analysis = MarginAnalysis("", (system,), (tuple(loop_margins(system)),))
     assert system.growth_rate == pytest.approx(max(0.03, -kd / 2))
     assert analysis.stable == [stable]
-    assert ("with a slow drift" in analysis.descriptions[0]) == stable
+    assert ("the motion drifts at 0.03 1/s" in analysis.descriptions[0]) == stable
     assert analysis.to_xarray().stable.values.tolist() == [stable]
 
 

@@ -21,8 +21,9 @@ def margins_verdict(margins: SavedMargins) -> list[str]:
         if disks.size and np.isfinite(disks.min()):
             loop = instant.isel(loop=int(disks.argmin()))
             sentence += (
-                f" The least disk margin is {float(loop.disk):.3f}, of {loop.loop.item()}: its phase may "
-                f"change by {float(loop.phase):.1f} deg."
+                f" The least disk margin is {float(loop.disk):.3f}, of {loop.loop.item()}, whose gain may "
+                f"change by {float(loop.gain_down):.1f} to {float(loop.gain_up):+.1f} dB and whose phase by "
+                f"{float(loop.phase):.1f} deg. (6 dB and 36 deg together correspond to 0.66.)"
             )
         sentences.append(sentence)
     return sentences

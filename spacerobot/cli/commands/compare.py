@@ -21,7 +21,7 @@ from spacerobot.cli.options import (
     load,
     reported_at,
 )
-from spacerobot.cli.output import console, is_narrow, show, warn
+from spacerobot.cli.output import is_narrow, print_next, show, warn
 from spacerobot.cli.tuning_options import Budget, Runs, Seed, Starts, parts, shown
 from spacerobot.common.registry import TUNING_METHODS
 
@@ -149,7 +149,8 @@ def command(
         warn(warning)
     if out is not None:
         what = "report.html, comparison.json and figures" if page else "comparison.json and figures"
-        console().print(f"{what} in {out}", markup=False, soft_wrap=True)
+        more = "" if page else f"; `spacerobot report {out}` makes a page of them"
+        print_next(f"{what} in {out}{more}")
     if compared.summary["interrupted"]:
         warn("interrupted: the results so far are kept")
         raise typer.Exit(130)

@@ -84,4 +84,9 @@ def command(
             worst.save(out / "falsify.json")
     show(worst)
     if out is not None:
-        print_next(f"worst case in {out}; `spacerobot report {out}` makes a page of it")
+        print_next(
+            f"worst case in {out}; `spacerobot report {out}` makes a page of its simulation; "
+            f"`spacerobot report {out / 'falsify.json'}` makes a page of the search"
+        )
+    else:
+        print_next("not saved; `--out DIR` saves the worst case and its simulation")

@@ -9,8 +9,9 @@ import typer
 
 import spacerobot as sr
 from spacerobot.cli.command import SIMULATE, Command
-from spacerobot.cli.output import progress, show
+from spacerobot.cli.output import print_next, progress, show
 from spacerobot.cli.plugins import check_folders, load_plugins_of
+from spacerobot.common.errors import ResultError
 
 
 @Command.of("identify", place=4, group=SIMULATE)
@@ -34,6 +35,10 @@ def command(
         ),
     ] = 1.0,
     seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of the noise.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="File to write, .json, for `spacerobot report FILE`."),
+    ] = None,
 ) -> None:
     """Identify mass, centre of mass and inertia of a held object from the momentum of a simulated motion.
 
@@ -42,10 +47,17 @@ def command(
         spacerobot identify out/caught
 
         spacerobot identify out/caught --noise 1 --since 20
+
+        spacerobot identify out/caught --out out/identified.json
     """
+    if out is not None and out.suffix != ".json":
+        raise ResultError(f"found {out}, allowed: a file .json", where="--out")
     check_folders([result])
     load_plugins_of([result])
     with progress("identifying"):
         sensors = sr.SensorNoise().scaled(noise) if noise else None
         identified = sr.identify(sr.Result.load(result), since=since, noise=sensors, seed=seed)
     show(identified)
+    if out is not None:
+        identified.save(out)
+        print_next(f"identification in {out}; `spacerobot report {out}` makes a page of it")

@@ -90,5 +90,7 @@ def command(
     show([Table.of_pairs("the best design", result.headline())])
     if out is not None:
         print_next(f"\nresult and tuning.json in {out}; `spacerobot report {out}` makes a page of the result")
+    else:
+        print_next("\nnot saved; `--out DIR` saves the best design")
     stop_if_interrupted(tuned.outcome)
     fail_if_diverged(result)

@@ -37,7 +37,7 @@ def write_margins(folder, stable=True, growth_rate=0.0):
 @pytest.mark.parametrize(
     ("stable", "growth_rate", "words"),
     [
-        (True, 0.03, "2.5 s: stable, with a slow drift of the motion that grows at 0.03 1/s."),
+        (True, 0.03, "2.5 s: stable; the motion drifts at 0.03 1/s, no instability of the control."),
         (False, 4.25, "2.5 s: unstable: a mode grows at 4.25 1/s."),
     ],
 )
