@@ -294,7 +294,7 @@ def test_names_of_methods_variants_and_sets_are_checked(small, interpreted):
         compare(small(), sets=["twoo"])
     with pytest.raises(ScenarioError, match="no tuning section"):
         compare(small(tuning=None))
-    with pytest.raises(ScenarioError, match="no variable 'kq'"):
+    with pytest.raises(ScenarioError, match="no variable or set 'kq'"):
         build_problem(small(), variables=["kq"])
 
 

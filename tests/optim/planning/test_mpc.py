@@ -453,7 +453,7 @@ def test_plans_are_made_with_a_model_of_their_own(reach):
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        ("robots.one.links.bass.mass", "plan.model: robots.one.links"),
+        ("robots.one.links.bass.mass", "plan.model: change robots.one.links"),
         ("simulation.duration", "allowed: paths in robots, target"),
         ("robots.one.base.position", "changes where or with what the motion begins"),
     ],

@@ -155,7 +155,7 @@ def test_the_mating_frame_that_costs_least_is_chosen(catch):
     np.testing.assert_allclose([one.cost for one in found.candidates], costs, rtol=1e-6)
     assert found.cost == found.candidates[1].cost
     assert found.scene.scenario.grasps["grip"].frame == "handle"
-    with pytest.raises(ScenarioError, match="'where' is chosen where one plan is made"):
+    with pytest.raises(ScenarioError, match="a front takes a plan of one phase"):
         make_front(catch(choice), FrontRequest(("time", "torque"), 2), backend="interpreted")
 
 

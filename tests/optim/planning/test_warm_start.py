@@ -218,7 +218,7 @@ def test_a_plan_of_another_scene_is_refused(reach, stored, changes, told):
 def test_a_file_that_is_no_plan_is_refused_in_one_line(reach, tmp_path):
     file = tmp_path / "other.nc"
     xr.Dataset({"q": 1.0}).to_netcdf(file)
-    for path, told in ((file, "not a plan: no time"), (tmp_path / "none.nc", "no such file")):
+    for path, told in ((file, "not a plan: no time"), (tmp_path / "none.nc", "no plan at")):
         given = ["plan", str(reach().source), "--from", str(path)]
         found = CliRunner().invoke(app, given)
         assert isinstance(found.exception, ScenarioError)

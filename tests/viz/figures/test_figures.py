@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.text import Text
 
-from spacerobot.common.errors import ResultError
+from spacerobot.common.errors import ResultError, SpaceRobotError
 from spacerobot.result.result import Result
 from spacerobot.scene import load_scene
 from spacerobot.simulation import simulate
@@ -364,7 +364,7 @@ def test_files_are_written_the_same_each_time(paper, blind, tmp_path):
 
 
 def test_wrong_names_are_told_with_near_ones(paper, tmp_path):
-    with pytest.raises(ResultError, match="did you mean joints"):
+    with pytest.raises(SpaceRobotError, match="did you mean joints"):
         save_figures(paper, tmp_path, names=["joint"])
     with pytest.raises(ResultError, match="pdf, png, svg"):
         save_figures(paper, tmp_path, formats=["tiff"])
