@@ -143,6 +143,15 @@ class Falsification(JsonResult):
         """Whether the limit can be exceeded, or a simulation diverges."""
         return self.worst.value > self.limit or self.diverged > 0
 
+    def verdict(self) -> list[str]:
+        """Whether the limit is exceeded, by the worst value that was found."""
+        outcome = "is exceeded" if self.is_falsified else "was not exceeded in this search"
+        return [
+            f"The limit of {self.quantity}, {self.limit:g} {self.unit}, {outcome}. The worst value is "
+            f"{self.worst.value:.4g} {self.unit}; at the medians of the parameters it is {self.nominal:.4g} "
+            f"{self.unit}."
+        ]
+
     def rows(self) -> list[tuple[str, str]]:
         """Outcome and parameters, as text."""
         verdict = "exceeded" if self.is_falsified else "not exceeded in this search"

@@ -82,6 +82,16 @@ class FailureProbability(JsonResult):
         factor = np.exp(NORMAL * min(self.variation, 100.0))
         return self.probability / factor, min(1.0, self.probability * factor)
 
+    def verdict(self) -> list[str]:
+        """Probability with its confidence interval."""
+        if not self.probability:
+            return []
+        low, high = self.interval
+        return [
+            f"{self.quantity} exceeds {self.limit:g} {self.unit} with a probability of "
+            f"{self.probability:.3g}; the 95 % confidence interval is {low:.2g} to {high:.2g}."
+        ]
+
     def rows(self) -> list[tuple[str, str]]:
         """Names and numbers, as text."""
         low, high = self.interval

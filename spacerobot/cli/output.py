@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterable, Iterator
 
 from rich.console import Console
@@ -31,6 +32,10 @@ NARROW = 96
 """Columns below which tables omit intervals and lesser columns."""
 
 
+QUIET_S = 30.0
+"""Minimum time between two lines of progress where stderr is no terminal [s]."""
+
+
 def is_narrow() -> bool:
     """Whether the terminal is narrower than :data:`NARROW`."""
     return console().width < NARROW
@@ -54,7 +59,10 @@ def warn(message: str) -> None:
 
 @contextlib.contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
-    """Show a spinner with the present step and compilations on stderr, if stderr is a terminal.
+    """Show a spinner with the present step and compilations on stderr.
+
+    If stderr is no terminal, as in a batch job, a line states the step at most every
+    :data:`QUIET_S` seconds.
 
     Args:
         first: Text of the first step.
@@ -62,18 +70,22 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
     Yields:
         Function that shows another text.
     """
-    text = first
+    text, printed = first, time.monotonic()
+    console_of_errors = Console(stderr=True)
 
     def say(words: str) -> None:
-        nonlocal text
+        nonlocal text, printed
         text = words
         status.update(escape(words))
+        if not console_of_errors.is_terminal and time.monotonic() - printed >= QUIET_S:
+            printed = time.monotonic()
+            console_of_errors.print(words, markup=False, soft_wrap=True)
 
     def compiles(done: int, total: int) -> None:
         more = f" (compiling: {done} of {total} pieces done)" if done < total else ""
         status.update(escape(f"{text}{more}"))
 
-    with Console(stderr=True).status(escape(first)) as status, hearing(compiles):
+    with console_of_errors.status(escape(first)) as status, hearing(compiles):
         yield say
 
 

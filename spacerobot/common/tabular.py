@@ -14,6 +14,10 @@ class Tabular:
         """Tables and sentences, the most important first."""
         raise NotImplementedError
 
+    def verdict(self) -> Sequence[str]:
+        """Outcome in sentences, with which a page of the result begins."""
+        return ()
+
     def notices(self) -> Sequence[str]:
         """Warnings about the result."""
         return ()

@@ -367,3 +367,14 @@ def test_help_wraps_paragraphs_and_shows_every_word(monkeypatch, capsys, name, w
         # no line ends where its next word would have fitted
         for line, below in itertools.pairwise(block):
             assert len(line) + 1 + len(below.split()[0]) > width - 2
+
+
+def test_progress_of_a_batch_job_is_a_line_now_and_then(monkeypatch, capsys):
+    """Without a terminal: the step at that time, without the spinner."""
+    times = iter((0.0, 10.0, 31.0, 31.0, 40.0))
+    monkeypatch.setattr("spacerobot.cli.output.time", SimpleNamespace(monotonic=lambda: next(times)))
+    with output.progress("reading") as tell:
+        tell("first step")
+        tell("second step: 40 %")
+        tell("third step")
+    assert capsys.readouterr().err == "second step: 40 %\n"

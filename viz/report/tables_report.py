@@ -33,7 +33,7 @@ def tables_report(result: Tabular, title: str, source: str = "") -> str:
         source: Name of the folder or file of the result, plain text; empty for none.
     """
     # a sentence for each instant, but not for the many along a simulation, which a figure shows
-    verdicts = list[str]()
+    verdicts = [*result.verdict()]
     if isinstance(result, SavedMargins) and result.data.sizes["instant"] <= MOST_INSTANTS:
         verdicts = margins_verdict(result)
     notices = "".join(f"<li>{escape(text)}</li>" for text in result.notices())

@@ -6,6 +6,8 @@ import xarray as xr
 
 import spacerobot as sr
 from optim.evaluation import BatchResult
+from optim.reliability.falsification import Falsification, WorstCase
+from optim.reliability.probability import FailureProbability
 from spacerobot.common.errors import ResultError
 from spacerobot.common.tables import Table
 from spacerobot.linear.loop_margins import FILE, UNITS
@@ -66,6 +68,24 @@ def test_margins_have_a_page_that_explains_a_delay_margin_of_zero(tmp_path):
     xr.Dataset().to_netcdf(tmp_path / FILE)
     with pytest.raises(ResultError, match="holds no"):
         sr.report(tmp_path, tmp_path / "page.html")
+
+
+def test_pages_of_worst_cases_and_probabilities_begin_with_their_outcome(tmp_path):
+    worst = WorstCase(6.25e-3, {"mass": 12.0}, {"mass": 99.0})
+    searched = Falsification("tip_error_peak", "m", 5e-3, 2e-3, worst, worst, {}, "40 rollouts")
+    probability = FailureProbability("tip_error_peak", "m", 5e-3, "line", 1.5e-4, 0.1, 100, 10, ())
+    for result, words in (
+        (searched, "The limit of tip_error_peak, 0.005 m, is exceeded. The worst value is 0.00625 m"),
+        (
+            probability,
+            "exceeds 0.005 m with a probability of 0.00015; the 95 % confidence",
+        ),
+    ):
+        result.save(tmp_path / "result.json")
+        sr.report(tmp_path / "result.json", tmp_path / "page.html")
+        text = (tmp_path / "page.html").read_text(encoding="utf-8")
+        assert words in text
+        assert text.index("In short") < text.index("<h2>Numbers")
 
 
 def test_a_batch_has_a_page_with_each_quantity_over_what_varies(tmp_path):
