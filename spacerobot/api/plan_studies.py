@@ -102,7 +102,7 @@ class ParetoFrontResult(Study):
         return {"front": front(self.summary)}
 
     def playback(self, progress: Progress) -> NoReturn:
-        """Always raise a ``ResultError``: a front has several motions."""
+        """Raise a ``ResultError``, because a front has several motions instead of one."""
         message = "a Pareto front has no motion to play; name the plan of a point"
         raise ResultError(message, source=self.folder)
 

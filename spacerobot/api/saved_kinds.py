@@ -58,7 +58,7 @@ def saved_kind(path: StrPath) -> str:
         files = {entry.name for entry in path.iterdir()}
         kind = next((kind for file, kind in FOLDERS.items() if file in files), None)
         if kind is None:
-            inside = sorted({str(found.parent) for found in path.glob("*/*") if found.name in FOLDERS})
+            inside = sorted({str(file.parent) for file in path.glob("*/*") if file.name in FOLDERS})
             hint = f"its subfolders hold some: {', '.join(inside[:3])}" if inside else f"allowed: {ALLOWED}"
             raise ResultError(f"no result in this folder; {hint}", source=path)
         return kind

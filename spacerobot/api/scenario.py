@@ -323,8 +323,6 @@ def list_kinds(name: str | None = None, kind: str | None = None) -> KindList:
         return _kind_list(families)
     if kind is None and name in (QUANTITY, QUANTITIES):
         return KindList({}, {QUANTITY: _quantities()})
-    if kind is None and name in _quantities():
-        return KindList({}, {QUANTITY: {name: _quantities()[name]}})
     family = name.replace(" ", "_").replace("-", "_")
     if kind is not None and family not in families:
         raise SpaceRobotError(f"no family {name!r}; {near_names(family, families)}")
@@ -335,6 +333,8 @@ def list_kinds(name: str | None = None, kind: str | None = None) -> KindList:
     homes = {each: {kind_name: kinds[kind_name]} for each, kinds in chosen.items() if kind_name in kinds}
     if homes:
         return _kind_list(homes, keys=True)
+    if kind is None and name in _quantities():
+        return KindList({}, {QUANTITY: {name: _quantities()[name]}})
     if kind is not None:
         raise SpaceRobotError(f"no kind of {_words(family)} {kind!r}; {near_names(kind, families[family])}")
     names = {*families, QUANTITY, *_quantities(), *(each for kinds in families.values() for each in kinds)}

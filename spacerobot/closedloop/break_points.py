@@ -56,7 +56,7 @@ def matching_points(names: Sequence[str], pattern: str) -> list[str]:
 
 
 def grouped(names: Iterable[str]) -> list[str]:
-    """Names with those that differ only in their last number in one, as ``torque/arm/joint_1..7``."""
+    """Names in groups: those that differ only in their last number are one, as ``torque/arm/joint_1..7``."""
     numbers_by_name: dict[tuple[str, str], list[int]] = {}
     groups = []
     for name in names:
@@ -65,8 +65,9 @@ def grouped(names: Iterable[str]) -> list[str]:
             groups.append(name)
         else:
             numbers_by_name.setdefault((numbered[1], numbered[3]), []).append(int(numbered[2]))
-    for (first, last), found in numbers_by_name.items():
-        span = f"{min(found)}..{max(found)}" if len(found) > 1 else f"{found[0]}"
+    for (first, last), numbers_of_group in numbers_by_name.items():
+        lowest, highest = min(numbers_of_group), max(numbers_of_group)
+        span = f"{lowest}..{highest}" if highest > lowest else f"{lowest}"
         groups.append(f"{first}{span}{last}")
     return groups
 

@@ -39,7 +39,7 @@ class RigidBody:
 
 
 def welded_bodies(links: Sequence[UrdfLink], joints: Sequence[UrdfJoint], root: str) -> list[RigidBody]:
-    """Rigid bodies of a description, the base first."""
+    """Rigid bodies of a description, the base first; links joined by fixed joints are one body."""
     by_name = {link.name: link for link in links}
     below: dict[str, list[UrdfJoint]] = {link.name: [] for link in links}
     for joint in joints:

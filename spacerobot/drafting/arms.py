@@ -136,7 +136,7 @@ def moving_ends(description: Description) -> list[str]:
     return moving or [*paths]
 
 
-def tips_words(description: Description) -> str:
+def possible_tips(description: Description) -> str:
     """Possible tips in words: the end links and, as the palm of a gripper, the link that they branch from."""
     names, paths = moving_ends(description), _paths(description)
     kinds = {joint.child: joint.kind for joint in description.joints}
@@ -171,7 +171,7 @@ def make_arm(name: str, files: RobotFiles, tip: str | None) -> DraftArm:
     if tip is None:
         end_links = moving_ends(description)
         if len(end_links) != 1:
-            message = f"name the link of {file} that holds the target; {tips_words(description)}"
+            message = f"name the link of {file} that holds the target; {possible_tips(description)}"
             raise ScenarioError(message, where="--tip")
         link = end_links[0]
     else:

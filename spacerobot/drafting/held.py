@@ -22,10 +22,10 @@ from spacerobot.drafting.arms import (
     make_arm,
     moving_ends,
     name_of,
+    possible_tips,
     read,
     scene_of,
     stand_in,
-    tips_words,
 )
 from spacerobot.drafting.mounts import equipped, read_mounts
 from spacerobot.drafting.numbers import DraftNumbers, payload_of
@@ -197,7 +197,7 @@ def _placed(
 
 
 def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
-    """Robots with their postures: those of the request, or the bus with its arms."""
+    """Robots of a request with their postures; a bus with its mounted arms is one robot."""
     if order.bus is not None:
         if order.robots:
             raise ScenarioError("found both --bus and --robot, allowed: one of them", where="--bus")
@@ -212,7 +212,7 @@ def _arms(order: DraftRequest, source: Path) -> list[DraftArm]:
         if tip is None and len(moving_ends(first.description)) == 1:
             (tip,) = moving_ends(first.description)
         if tip not in links:
-            hint = near_names(tip, links) if tip else tips_words(first.description)
+            hint = near_names(tip, links) if tip else possible_tips(first.description)
             problem = f"no link {tip!r} in" if tip else "name the link of"
             raise ScenarioError(f"{problem} {first.description.path.name}; {hint}", where="--tip")
         sections = {mount.name: mount.section() for mount in mounts}

@@ -87,7 +87,7 @@ def apply_changes(
 
 
 class ChangedDocument:
-    """Document to which changes are applied, without a validation after each of them.
+    """Scenario document to which several changes are applied before it is validated.
 
     A path may lead into a section that an earlier change created without its defaults. Only then the defaults
     are filled in between two changes.

@@ -2,6 +2,7 @@
 
 import pytest
 
+import spacerobot as sr
 from spacerobot.cli import app
 from spacerobot.common.errors import SpaceRobotError
 from spacerobot.elements import FAMILIES, PLANS, kinds
@@ -50,3 +51,15 @@ def test_a_wrong_name_lists_what_is_allowed(shown, arguments, message):
     with pytest.raises(SpaceRobotError, match=message) as fault:
         shown(*arguments)
     assert "..." not in str(fault.value)
+
+
+def test_quantities_are_listed_as_a_family_and_hide_no_kind_of_the_same_name():
+    listed = sr.list_kinds("quantities").summaries["quantity"]
+    assert "[m]" in listed["tip_error_peak"]
+    assert sr.list_kinds("quantity").summaries["quantity"] == listed
+    assert sr.list_kinds("tip_error_peak").summaries == {
+        "quantity": {"tip_error_peak": listed["tip_error_peak"]}
+    }
+    assert sr.list_kinds("propellant").kinds["plan_cost"].keys() == {"propellant"}
+    with pytest.raises(sr.SpaceRobotError, match="did you mean tip_error_peak"):
+        sr.list_kinds("tip_error_pek")

@@ -197,7 +197,7 @@ class DesignCache:
         self._free = self.base.free
 
     def find(self, values: Values) -> tuple[PreparedDesign, dict[str, float]] | None:
-        """Prepared structure of a design, with the design's numbers; None if it is not prepared.
+        """Compiled structure for a design, and the design's numbers by path; None if it is not compiled yet.
 
         Raises:
             ScenarioError: If a value is not allowed at its path.
